@@ -77,21 +77,13 @@ std::vector<OutputFile> outputs(const CalibrateArguments& arguments) {
                         {"--report", arguments.report}});
 }
 
-// All input files with their roles.
+// All input files.
 std::vector<HashedFile> files_read(const CalibrateArguments& arguments, const Robot& robot) {
-  const MeasurementArguments& measured = arguments.measurements;
-  const auto [robot_role, robot_hash] = role_and_hash(arguments.robot, robot);
-  std::vector<HashedFile> files = {{.role = robot_role, .path = robot.source, .sha256 = robot_hash}};
-  for (const auto& [role, path] :
-       {std::pair{"measurements", &measured.measurements}, std::pair{"joints-file", &measured.joints_file},
-        std::pair{"joint-convention", &measured.joint_convention}, std::pair{"known-base", &measured.known_base},
-        std::pair{"known-targets", &measured.known_targets}, std::pair{"predict-at", &arguments.predict_at},
-        std::pair{"prior-result", &arguments.prior_result}, std::pair{"config", &arguments.config}}) {
-    if (!path->empty()) {
-      files.push_back({.role = role, .path = *path, .sha256 = sha256_of_file(*path)});
-    }
-  }
-  return files;
+  FileRoles files = files_of(arguments.measurements);
+  files.insert(
+      files.end(),
+      {{"predict-at", arguments.predict_at}, {"prior-result", arguments.prior_result}, {"config", arguments.config}});
+  return hashed_files(arguments.robot, robot, files);
 }
 
 // One value for all axes, or one per axis.
@@ -443,7 +435,7 @@ Subcommand add_calibrate(CLI::App& parser) {
            "Predict the targets and their uncertainty at these configurations (CSV as measurements, no coordinates)");
   add_file(*app, "--residuals", arguments->residuals, "Write measured minus predicted point of every row (CSV)");
   add_file(*app, "--covariance", arguments->covariance, "Write the covariance of all estimated parameters (CSV)");
-  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  add_report_file(*app, arguments->report);
   app->add_option("--note", arguments->notes, "Put key=value into the result, such as serial=R1234; repeatable")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);

@@ -148,7 +148,7 @@ Subcommand add_compare(CLI::App& parser) {
   add_file(*app, "after", arguments->after, "The later one")->required();
   add_robot_options(*app, arguments->robot);
   add_require(*app, arguments->requirements);
-  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  add_report_file(*app, arguments->report);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app,

@@ -77,6 +77,9 @@ ControllerFrames frames_of(const CompensateArguments& arguments) {
 // Where the result notes something else than the user, such as another payload.
 std::vector<std::string> other_notes(const CompensateArguments& arguments) {
   std::vector<std::string> result;
+  if (arguments.notes.empty()) {
+    return result;
+  }
   const Json saved = read_json(arguments.result);
   const Json noted = saved.value("/provenance/notes"_json_pointer, Json::object());
   for (const auto& [key, value] : notes_of(arguments.notes)) {
@@ -380,8 +383,7 @@ Subcommand add_compensate(CLI::App& parser) {
   add_file(*app, "--predict", arguments->predict,
            "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %")
       ->excludes(program);
-  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)")
-      ->excludes(program);
+  add_report_file(*app, arguments->report)->excludes(program);
   app->add_option("--note", arguments->notes,
                   "What holds now, such as payload=165: warn if the calibration noted something else; repeatable")
       ->type_name("KEY=VALUE")

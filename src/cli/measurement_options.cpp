@@ -37,6 +37,14 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
            "Targets in the flange frame, from a result or {\"targets\": [{\"name\", \"position\"}]}");
 }
 
+FileRoles files_of(const MeasurementArguments& arguments) {
+  return {{"measurements", arguments.measurements},
+          {"joints-file", arguments.joints_file},
+          {"joint-convention", arguments.joint_convention},
+          {"known-base", arguments.known_base},
+          {"known-targets", arguments.known_targets}};
+}
+
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   const JointConvention* used = convention ? &*convention : nullptr;

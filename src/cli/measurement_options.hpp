@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/options.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/registration.hpp"
 #include "estimation/unknowns.hpp"
@@ -27,6 +28,7 @@ struct MeasurementArguments {
   std::string known_targets;
 };
 void add_measurement_options(CLI::App& app, MeasurementArguments& arguments);
+FileRoles files_of(const MeasurementArguments& arguments);
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot);
 

@@ -152,6 +152,10 @@ CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file,
   return app.add_option(name, file, help)->type_name("FILE")->check(not_empty("a file name"));
 }
 
+CLI::Option* add_report_file(CLI::App& app, std::string& report) {
+  return add_file(app, "--report", report, "Write a page for people that opens in any browser (HTML)");
+}
+
 void add_json_flag(CLI::App& app, bool& json) { app.add_flag("--json", json, "Print JSON, SI units"); }
 
 void add_example(CLI::App& app, const std::string& command) {
@@ -240,9 +244,17 @@ std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std:
   return notes;
 }
 
-std::pair<std::string, std::string> role_and_hash(const RobotArguments& arguments, const Robot& robot) {
-  return arguments.dh.empty() ? std::pair{std::string("urdf"), sha256(robot.urdf)}
-                              : std::pair{std::string("dh"), sha256_of_file(arguments.dh)};
+std::vector<HashedFile> hashed_files(const RobotArguments& arguments, const Robot& robot, const FileRoles& files) {
+  const bool is_dh = !arguments.dh.empty();
+  std::vector<HashedFile> result = {{.role = is_dh ? "dh" : "urdf",
+                                     .path = robot.source,
+                                     .sha256 = is_dh ? sha256_of_file(arguments.dh) : sha256(robot.urdf)}};
+  for (const auto& [role, path] : files) {
+    if (!path.empty()) {
+      result.push_back({.role = role, .path = path, .sha256 = sha256_of_file(path)});
+    }
+  }
+  return result;
 }
 
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value) {

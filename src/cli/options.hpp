@@ -16,6 +16,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "results/result_json.hpp"
 #include "results/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
@@ -37,6 +38,8 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double
 
 /// Adds an option for a file name.
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);
+/// --report
+CLI::Option* add_report_file(CLI::App& app, std::string& report);
 /// --json
 void add_json_flag(CLI::App& app, bool& json);
 /// Adds an example command to the end of the help.
@@ -67,8 +70,10 @@ struct RobotArguments {
 };
 void add_robot_options(CLI::App& app, RobotArguments& arguments);
 Robot load(const RobotArguments& arguments);
-/// The file of the robot: role "urdf" or "dh", and its hash.
-std::pair<std::string, std::string> role_and_hash(const RobotArguments& arguments, const Robot& robot);
+/// Role and name of each file that a command reads; empty names are left out.
+using FileRoles = std::vector<std::pair<std::string, std::string>>;
+/// The file of the robot (role "urdf" or "dh") and these files, with their hashes.
+std::vector<HashedFile> hashed_files(const RobotArguments& arguments, const Robot& robot, const FileRoles& files);
 
 /// --joints, --degrees, --joint-convention
 struct JointArguments {

@@ -376,7 +376,7 @@ Subcommand add_plan(CLI::App& parser) {
   add_seed(*app, arguments->seed);
   add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads; 0: one per core. The plan is the same");
   add_file(*app, "--output", arguments->output, "Write the plan (CSV) that calibrate reads once it is filled in");
-  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  add_report_file(*app, arguments->report);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);
   add_example(*app, "kdlcal plan --configurations 30 --least-height 0.2 --least-radius 0.7 --output plan.csv");

@@ -42,18 +42,14 @@ std::optional<std::string> hash_of(const Json& result, const std::string& role) 
 
 // Requires the files of the result: with others the page would show residuals that the result never had.
 void require_same_files(const ReportArguments& arguments, const Json& result) {
-  const MeasurementArguments& given = arguments.measurements;
-  for (const auto& [role, path] :
-       {std::pair{"measurements", &given.measurements}, std::pair{"joints-file", &given.joints_file},
-        std::pair{"joint-convention", &given.joint_convention}, std::pair{"known-base", &given.known_base},
-        std::pair{"known-targets", &given.known_targets}}) {
+  for (const auto& [role, path] : files_of(arguments.measurements)) {
     const std::optional<std::string> hash = hash_of(result, role);
-    const std::string option = std::string("--") + role;
-    if (path->empty() && hash) {
+    const std::string option = "--" + role;
+    if (path.empty() && hash) {
       throw InputError(option + ": " + arguments.result + " was made with one, expected the same file here");
     }
-    if (!path->empty() && hash && sha256_of_file(*path) != *hash) {
-      throw InputError(option + ": '" + *path + "' is not the file that " + arguments.result +
+    if (!path.empty() && hash && sha256_of_file(path) != *hash) {
+      throw InputError(option + ": '" + path + "' is not the file that " + arguments.result +
                        " was made with, its hash is another one; expected that file");
     }
   }

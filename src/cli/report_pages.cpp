@@ -5,9 +5,9 @@
 #include <cstddef>
 #include <set>
 
-#include "base/sha256.hpp"
 #include "cli/truth_report.hpp"
 #include "model/kinematics.hpp"
+#include "results/result_blocks.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -59,17 +59,9 @@ std::vector<Eigen::Index> rejected(const PlanRequest& request, const Plan& plan)
 
 }  // namespace
 
-Json with_files(Json result, const RobotArguments& arguments, const Robot& robot,
-                const std::vector<std::pair<std::string, std::string>>& files) {
+Json with_files(Json result, const RobotArguments& arguments, const Robot& robot, const FileRoles& files) {
   result["input"].update({{"urdf", robot.source}, {"base", robot.base}, {"tip", robot.tip}});
-  const auto [robot_role, robot_hash] = role_and_hash(arguments, robot);
-  Json read = {{{"role", robot_role}, {"path", robot.source}, {"sha256", robot_hash}}};
-  for (const auto& [role, path] : files) {
-    if (!path.empty()) {
-      read.push_back({{"role", role}, {"path", path}, {"sha256", sha256_of_file(path)}});
-    }
-  }
-  result["provenance"] = {{"files_read", read}};
+  result["provenance"] = {{"files_read", files_json(hashed_files(arguments, robot, files))}};
   return result;
 }
 
@@ -132,20 +124,19 @@ std::string plan_page(const Json& result, const PlanRequest& request, const Plan
   return page_of(data);
 }
 
-std::string validation_page(const ValidationPage& page) {
-  Json data = page_data("validation", page.result);
-  data["requirements"] = page.requirements;
-  data["doubts"] = page.doubts;
-  data["warnings"] = page.warnings;
-  data["robot"] = block(reported_robot(page.robot, page.reported.model, page.reported.estimate));
-  data["measured"] = block(reported_measurements(page.reported));
-  return page_of(data);
-}
-
 std::string page_of_result(const char* kind, const Json& result, const Json& more) {
   Json data = page_data(kind, result);
   data.update(more);
   return page_of(data);
+}
+
+std::string validation_page(const ValidationPage& page) {
+  return page_of_result("validation", page.result,
+                        {{"requirements", page.requirements},
+                         {"doubts", page.doubts},
+                         {"warnings", page.warnings},
+                         {"robot", block(reported_robot(page.robot, page.reported.model, page.reported.estimate))},
+                         {"measured", block(reported_measurements(page.reported))}});
 }
 
 }  // namespace kdl_calibration::cli

@@ -15,9 +15,8 @@ namespace kdl_calibration::cli {
 /// Settings of a run as pairs of label and text.
 using PageFacts = std::vector<std::pair<std::string, std::string>>;
 
-/// Adds the robot and the hashes of the files that were read, by their roles; paths that are empty are left out.
-Json with_files(Json result, const RobotArguments& arguments, const Robot& robot,
-                const std::vector<std::pair<std::string, std::string>>& files);
+/// Adds the robot and the hashes of the files that were read.
+Json with_files(Json result, const RobotArguments& arguments, const Robot& robot, const FileRoles& files);
 
 /// Pages other than that of a calibration. `result` is the output of --json.
 std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, const MonteCarloResult& runs,

@@ -1,6 +1,7 @@
 #include "base/degree.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "planning/simulation.hpp"
+#include "results/result_blocks.hpp"
 #include "results/result_table.hpp"
 #include "robot/joint_ranges.hpp"
 

@@ -7,6 +7,7 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "model/parameters.hpp"
+#include "results/result_blocks.hpp"
 #include "results/result_json.hpp"
 
 namespace kdl_calibration::cli {
@@ -76,14 +77,6 @@ std::string differences_line(const std::string& label, const Eigen::Ref<const Ei
 }
 
 }  // namespace
-
-Json statistics_json(const ErrorStatistics& statistics) {
-  if (statistics.count == 0) {
-    return nullptr;
-  }
-  return {{"count", statistics.count}, {"mean", statistics.mean}, {"rms", statistics.rms},
-          {"p95", statistics.p95},     {"max", statistics.max},   {"std", statistics.std}};
-}
 
 Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_errors, const Reduction& reduction) {
   Json parameters = Json::array();

@@ -11,9 +11,6 @@
 
 namespace kdl_calibration::cli {
 
-/// {"count", "mean", "rms", "p95", "max", "std"}; null if the count is 0.
-Json statistics_json(const ErrorStatistics& statistics);
-
 /// The drawn values of a virtual robot: "parameters" (those with errors), "base", "targets", and "effects" if any.
 Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_errors, const Reduction& reduction);
 

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "base/number_text.hpp"
-#include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "cli/frames.hpp"
@@ -21,6 +20,7 @@
 #include "model/kinematics.hpp"
 #include "planning/simulation.hpp"
 #include "planning/truth_comparison.hpp"
+#include "results/result_blocks.hpp"
 #include "results/result_table.hpp"
 #include "results/saved_calibration.hpp"
 #include "robot/joint_ranges.hpp"
@@ -249,14 +249,9 @@ Json with_provenance(const ValidateArguments& arguments, const Robot& robot, con
                      Json result) {
   result["input"] = {{"configurations", measurements.joint_values.cols()},
                      {"observations", measurements.observations.size()}};
-  const MeasurementArguments& measured = arguments.measurements;
-  return with_files(std::move(result), arguments.robot, robot,
-                    {{"measurements", measured.measurements},
-                     {"joints-file", measured.joints_file},
-                     {"joint-convention", measured.joint_convention},
-                     {"known-base", measured.known_base},
-                     {"known-targets", measured.known_targets},
-                     {"result", arguments.result}});
+  FileRoles files = files_of(arguments.measurements);
+  files.emplace_back("result", arguments.result);
+  return with_files(std::move(result), arguments.robot, robot, files);
 }
 
 ExitStatus run_against_measurements(const ValidateArguments& arguments) {
@@ -331,7 +326,7 @@ Subcommand add_validate(CLI::App& parser) {
   add_file(*app, "--truth", arguments->truth,
            "Compare --result with the true errors, base and targets that simulate wrote (JSON)");
   add_require(*app, arguments->requirements);
-  add_file(*app, "--report", arguments->report, "Write a page for people that opens in any browser (HTML)");
+  add_report_file(*app, arguments->report);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_seed(*app, arguments->seed);
   add_json_flag(*app, arguments->json);

@@ -44,6 +44,8 @@ Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
 // Null if not finite.
 Json array_or_null(const Eigen::Vector3d& v) { return v.allFinite() ? array(v) : Json(nullptr); }
 
+}  // namespace
+
 Json files_json(const std::vector<HashedFile>& files) {
   Json result = Json::array();
   for (const HashedFile& file : files) {
@@ -51,8 +53,6 @@ Json files_json(const std::vector<HashedFile>& files) {
   }
   return result;
 }
-
-}  // namespace
 
 Json array(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
 

@@ -19,7 +19,8 @@ Json array(const Eigen::Vector3d& v);
 Json quaternion(const Eigen::Matrix3d& R);  ///< w x y z, w not negative
 /// The value, or null if not finite, as JSON has no infinity: not determined.
 Json finite_or_null(double value);
-Json statistics_json(const ErrorStatistics& statistics);  ///< null if empty
+/// "count", "mean", "rms", "p95", "max", "std"; null if the count is 0.
+Json statistics_json(const ErrorStatistics& statistics);
 
 /// Up to kMostColumns columns, else null: {"names", "lower_triangle", "matrix"}.
 constexpr std::size_t kMostColumns = 300;
@@ -36,6 +37,7 @@ Json held_out_points_json(const Measurements& measurements, const CalibrationRes
 /// Accuracy of the exported URDF without effects.
 Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration);
 
+Json files_json(const std::vector<HashedFile>& files);
 Json provenance_json(const Provenance& provenance);
 
 }  // namespace kdl_calibration
