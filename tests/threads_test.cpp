@@ -143,6 +143,9 @@ std::vector<Asked> methods_of_estimation() {
          return static_cast<double>(free.column(free.names().back()).value() +
                                     free.column(UnknownGroup::base, 3).value());
        }},
+      {"Unknowns::at_station", [&] { return static_cast<double>(free.at_station(0).size()); }},
+      {"Unknowns::of_station", [&] { return number(free.of_station(0).names()); }},
+      {"Unknowns::base_columns", [&] { return static_cast<double>(free.base_columns(0)[2]); }},
       {"Unknowns::target_columns", [&] { return static_cast<double>(free.target_columns(1)[2]); }},
       {"Unknowns::range", [&] { return number(free.range(UnknownGroup::targets)); }},
       {"Unknowns::chain", [&] { return number(free.chain()); }},
@@ -253,6 +256,7 @@ std::vector<Asked> other_methods() {
       {"Calibration::parts", [&] { return s.found.parts().urdf_errors.sum(); }},
       {"CalibratedArm::joints", [&] { return number(s.calibrated.joints()); }},
       {"CalibratedArm::targets", [&] { return number(s.calibrated.targets()); }},
+      {"CalibratedArm::stations", [&] { return static_cast<double>(s.calibrated.stations().size()); }},
       {"CalibratedArm::base", [&] { return s.calibrated.base().matrix().sum(); }},
       {"CalibratedArm::flange_pose", [&] { return s.calibrated.flange_pose(s.q).matrix().sum(); }},
       {"CalibratedArm::predict", [&] { return s.calibrated.predict(s.q, "A").radius_95; }},

@@ -53,13 +53,17 @@ public:
   Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q,
                                 Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const;
 
-  /// Also throws InputError where the result file holds no covariance: of version 0.1, or with more than 300
-  /// parameters.
+  /// With several stations the base frame is that of the arm, whose uncertainty contains no station's; the measuring
+  /// frame is that of the named `station`. Also throws InputError for an unknown station or a missing name, and where
+  /// the result file holds no covariance: of version 0.1, or with more than 300 parameters.
   PredictedPoint predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
-                         PredictionFrame frame = PredictionFrame::base) const;
+                         PredictionFrame frame = PredictionFrame::base, const std::string& station = {}) const;
 
-  /// X_WB, the base in the frame of the measuring device.
-  Eigen::Isometry3d base() const;
+  /// Names of the stations, if the measurements had several.
+  std::vector<std::string> stations() const;
+  /// X_WB, the base in the frame of the measuring device, of several stations at the named one. Throws InputError as
+  /// `predict` does.
+  Eigen::Isometry3d base(const std::string& station = {}) const;
 
 private:
   struct Parts;

@@ -45,6 +45,7 @@ struct ParameterOptions {
   std::vector<std::string> free = {};  ///< names or patterns that are estimated in addition
   std::optional<Eigen::Isometry3d> known_base = std::nullopt;  ///< X_WB
   std::vector<TargetFrame> known_targets = {};
+  std::vector<StationBase> known_stations = {};  ///< instead of `known_base`, if there are several stations
 };
 
 // Priors and effects that are not stated are chosen by cross-validation. Plain fits (the two-step estimator, the

@@ -148,6 +148,7 @@ struct ErrorModel {
   std::vector<EffectTerm> effects;                    ///< none by default, see joint_effects.hpp
   std::vector<PointMass> link_masses;                 ///< those stated by the URDF
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
+  std::vector<std::string> stations = {};  ///< of the measurements, if several: each has its own pose of the base
 };
 
 ErrorModel complete_model(const Robot& robot);
@@ -160,6 +161,12 @@ KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors);
 struct Priors {
   double length = 0.0;  ///< [m]
   double angle = 0.0;   ///< [rad]
+};
+
+/// The base in the frame of the measuring device at one of its places.
+struct StationBase {
+  std::string station;
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
 };
 
 /// A point on the tool, or a full frame where orientation is measured as well; in the flange frame.

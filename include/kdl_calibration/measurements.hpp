@@ -33,6 +33,7 @@ struct Observation {
   std::int32_t target = 0;         ///< index into Measurements::targets
   std::int32_t repeat = 1;         ///< observations of one configuration with the same repeat were taken together
   Split split = Split::train;
+  std::int16_t station = 0;  ///< index into Measurements::stations, the same for all rows of a configuration
 };
 
 /// The orientation of an observation without measured orientation: NaN in all four coefficients.
@@ -56,7 +57,10 @@ struct Measurements {
   Eigen::MatrixXd joint_values;             ///< joints x configurations, in the URDF's convention [rad] or [m]
   std::vector<std::string> configurations;  ///< labels
   std::vector<std::string> targets;         ///< names of the points on the tool
-  std::vector<Observation> observations;    ///< in the order of the file
+  /// Names of the places of the measuring device (or of a plate), each with a frame W of its own; empty: one place
+  /// without a name.
+  std::vector<std::string> stations = {};
+  std::vector<Observation> observations;  ///< in the order of the file
   /// Orientation of the target's frame in W, one per observation; point_alone() if not measured. Empty if only points
   /// were measured.
   std::vector<Eigen::Quaterniond> orientations;
@@ -83,8 +87,8 @@ Measurements without_rows(const Measurements& measurements, const std::vector<st
 /// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), with the sign nearest to the first.
 Measurements averaged(const Measurements& measurements);
 
-/// The measurements of `first`, then those of `second`; joints and targets must be the same. Orientations of either are
-/// kept, order and signals only if both have them.
+/// The measurements of `first`, then those of `second`; joints, targets and stations must be the same. Orientations of
+/// either are kept, order and signals only if both have them.
 Measurements joined(const Measurements& first, const Measurements& second);
 
 /// Reads measurements (CSV, see src/cli/README.md). `urdf_joints` are the moving joints of the chain, base to tip.
@@ -94,7 +98,8 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// one line; decimal commas if the separator is no comma. Lines that start with # and lines without any value are
 /// skipped. Units are in the header, in [] or (), or in a separate row below it: rad, deg, °, degrees, m, mm. Names of
 /// columns and joints ignore case if the match is unique. `name` and `point` mean target, `pose` and `config`
-/// configuration. `remark` says how the file differs from one of measurements_csv.
+/// configuration. The optional column `station` names the place of the measuring device. `remark` says how the file
+/// differs from one of measurements_csv.
 ///
 /// Orientations of targets, R = Rz(yaw) Ry(pitch) Rx(roll), come in one of five forms: qw, qx, qy, qz (normalised); rx,
 /// ry, rz (angle times axis); roll, pitch, yaw; A, B, C (KUKA: yaw, pitch, roll) and W, P, R (FANUC: roll, pitch, yaw),
@@ -106,7 +111,8 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// unknown or repeated column, an unknown unit, a ragged row, a value that is not a finite number or beyond 1e12,
 /// decimal points beside decimal commas, a sigma below 1e-15 m, a quaternion norm off 1 by more than 1e-3, angles
 /// without unit beyond one turn, two forms of orientation or an incomplete one, two rows for the same configuration,
-/// repeat and target, joint values or a split that differ within one configuration, no rows.
+/// repeat and target, joint values, a split or a station that differ within one configuration, more than 100 stations,
+/// no rows.
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention = nullptr);
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,

@@ -24,6 +24,7 @@ namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 struct KnownFrames {
   std::optional<Eigen::Isometry3d> base = std::nullopt;  ///< X_WB
   std::vector<TargetFrame> targets = {};
+  std::vector<StationBase> stations = {};  ///< instead of `base`, if the measurements have several stations
 };
 
 struct PositionErrors {
@@ -34,10 +35,11 @@ struct PositionErrors {
   std::optional<ErrorStatistics> all_means;
   std::optional<ErrorStatistics> train_means;
   std::optional<ErrorStatistics> test_means;
-  Iso9283 iso_9283;  ///< over all rows
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  Iso9283 iso_9283;                                        ///< over all rows
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  ///< of the first station
   std::vector<TargetFrame> targets;
-  std::string ambiguity;  ///< why another base would fit about as well; empty if none would
+  std::vector<StationBase> stations;  ///< of each, if there are several
+  std::string ambiguity;              ///< why another base would fit about as well; empty if none would
 };
 
 /// The robot as its URDF says. Throws InputError: measurements of another robot, fewer coordinates than base and

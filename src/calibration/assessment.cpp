@@ -7,12 +7,18 @@
 #include "calibration/noise_report.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 constexpr double kLeastRobustWeight = 1e-9;  // as in identify_robustly: no weight makes a column undetermined
 constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // for the influence of each
+
+// The candidates without the rotations of stations that stay as registered.
+const Unknowns& told_apart(const DeterminedFit& fitted) {
+  return determines_arm(fitted) ? fitted.free : fitted.candidates;
+}
 
 // Identifiability of base, targets and geometry without priors, if the fit had priors or effects.
 std::optional<Identifiability> rigid_identifiability(const FitProblem& task, const DeterminedFit& fitted,
@@ -24,7 +30,7 @@ std::optional<Identifiability> rigid_identifiability(const FitProblem& task, con
   }
   residuals.priors = {};
   residuals.earlier = nullptr;
-  const Unknowns rigid = fitted.candidates.without(UnknownGroup::effects);
+  const Unknowns rigid = told_apart(fitted).without(UnknownGroup::effects);
   const Estimate& estimate = fitted.identification.estimate;
   const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
   return identifiability(problem.whitened_summary(estimate).sqrt_information, rigid.names());
@@ -54,7 +60,8 @@ Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const Nois
                                             .whitened_summary(estimate)
                                             .sqrt_information;
   }
-  result.identifiability = identifiability(result.candidate_sqrt_information, candidates);
+  result.identifiability = identifiability(determines_arm(fitted) ? result.root : result.candidate_sqrt_information,
+                                           told_apart(fitted).names());
   const int rank = result.identifiability.rank;
   result.determined = result.identifiability.columns == rank;
   if (const std::optional<Identifiability> rigid = rigid_identifiability(fit, fitted, residuals)) {
@@ -80,13 +87,15 @@ Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const Nois
 
 Identification with_open_directions(const Identification& found, const Assessment& assessed, ModelChoice model) {
   Identification result = found;
-  const bool gauge = !assessed.fixed_by_gauge.empty() && model == ModelChoice::irreducible;
+  // Directions that a station does not determine stay as registered: no prediction of the arm depends on them.
+  const std::vector<std::string> fixed = without_stations(assessed.fixed_by_gauge);
+  const bool gauge = !fixed.empty() && model == ModelChoice::irreducible;
   const bool open = assessed.fixed_by_gauge.empty() && !assessed.determined;
   if (found.termination == Termination::converged && (gauge || open)) {
     result.termination = Termination::rank_deficient;
     result.message = "converged, but the measurements do not determine all parameters";
     if (gauge) {
-      result.message += ": " + std::to_string(assessed.fixed_by_gauge.size()) + " were fixed by gauge";
+      result.message += ": " + std::to_string(fixed.size()) + " were fixed by gauge";
     }
   }
   return result;

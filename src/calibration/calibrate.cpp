@@ -22,6 +22,7 @@
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "noise/orientation_length_estimate.hpp"
 #include "screening/screening.hpp"
 #include "selection/effect_selection.hpp"
@@ -62,8 +63,11 @@ RegisteredRobot register_robot(const ErrorModel& model, const Measurements& trai
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Registration registration = register_base_and_targets(
       flange_poses(folded(robot.model, nominal), training.joint_values), training, known_frames(options));
-  robot.nominal = {
-      .errors = nominal, .X_WB = registration.X_WB, .targets = std::move(registration.targets), .effects = {}};
+  robot.nominal = {.errors = nominal,
+                   .X_WB = registration.X_WB,
+                   .targets = std::move(registration.targets),
+                   .effects = {},
+                   .other_bases = std::move(registration.other_bases)};
   robot.ambiguity = std::move(registration.message);
   robot.parameters = select_parameters(robot.model, robot.nominal.targets, options);
   if (earlier != nullptr) {
@@ -322,8 +326,9 @@ std::vector<QualityFinding> screened(const FitProblem& problem, const Measuremen
 
 }  // namespace
 
-CalibrationResult calibrate(const ErrorModel& model, const Measurements& measurements,
+CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measurements,
                             const CalibrationSettings& options) {
+  const ErrorModel model = at_stations_of(measurements, arm);
   const TrainingRows rows(measurements);
   check_options(model, measurements, *rows, options);
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
@@ -337,7 +342,11 @@ CalibrationResult calibrate(const ErrorModel& model, const Measurements& measure
       fit_determined_parameters(rigid, robot.parameters, {options.estimator, options.parameters});
   const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
   ModelSelection selection =
-      select_model(choice, rigid_fit.identification, rigid_fit.free == rigid_fit.candidates, options.estimator.method);
+      select_model(choice, rigid_fit.identification, determines_arm(rigid_fit), options.estimator.method);
+  if (!model.stations.empty()) {
+    selection.not_tried += selection.not_tried.empty() ? "" : "; ";
+    selection.not_tried += "other readings of the data (several stations)";
+  }
   if (with_earlier) {
     selection.terms = options.selection.earlier->terms;
     selection.continued = with_earlier;

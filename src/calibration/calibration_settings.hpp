@@ -29,7 +29,9 @@ inline bool is_plain(const EstimatorOptions& options) {
 }
 
 inline RegistrationOptions known_frames(const ParameterOptions& options) {
-  return {.known_base = options.known_base, .known_targets = options.known_targets};
+  return {.known_base = options.known_base,
+          .known_targets = options.known_targets,
+          .known_stations = options.known_stations};
 }
 
 }  // namespace kdl_calibration

@@ -8,6 +8,7 @@
 #include "estimation/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "two_step/two_step.hpp"
 
@@ -94,7 +95,7 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
   }
   Unknowns free = candidates;
   const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {
-    if (well_conditioned_root(equations.linearise(estimate).hessian)) {
+    if (problem.model.stations.empty() && well_conditioned_root(equations.linearise(estimate).hessian)) {
       return candidates;
     }
     const Eigen::MatrixXd sqrt_information = equations.whitened_summary(estimate).sqrt_information;
@@ -232,6 +233,10 @@ DeterminedFit fit_determined_parameters(const FitProblem& problem, const Paramet
     result = fix_parameters_below_noise(problem, rules, std::move(result));
   }
   return result;
+}
+
+bool determines_arm(const DeterminedFit& fit) {
+  return without_stations(fit.free.names()) == without_stations(fit.candidates.names());
 }
 
 }  // namespace kdl_calibration

@@ -21,4 +21,7 @@ struct FitRules {
 DeterminedFit fit_determined_parameters(const FitProblem& problem, const ParameterSelection& choice,
                                         const FitRules& rules);
 
+/// Whether all candidates are estimated, but for rotations of stations that their points do not show.
+bool determines_arm(const DeterminedFit& fit);
+
 }  // namespace kdl_calibration

@@ -12,7 +12,7 @@ namespace {
 
 std::vector<AlternativeReading> readings(const CalibrationResult& found, const Measurements& measurements,
                                          const DiagnosisTask& task) {
-  if (!task.options.try_readings) {
+  if (!task.options.try_readings || !found.model.stations.empty()) {
     return {};
   }
   return alternative_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,

@@ -14,6 +14,7 @@
 #include "calibration/validation_stage.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 #include "validation/validation.hpp"
 
@@ -81,7 +82,7 @@ std::vector<std::string> joints_at_rest(const CalibrationResult& found, const Me
 // undetermined ones.
 std::vector<std::string> missing_parameters(const CalibrationResult& found, ModelChoice model) {
   if (model != ModelChoice::complete) {
-    return found.uncertainty.fixed_by_gauge;
+    return without_stations(found.uncertainty.fixed_by_gauge);
   }
   const std::vector<std::string>& kept = found.fit.reduction.kept;
   const std::vector<std::string> candidates = found.fit.candidates.names();
@@ -89,7 +90,7 @@ std::vector<std::string> missing_parameters(const CalibrationResult& found, Mode
     return std::find(kept.begin(), kept.end(), name) != kept.end();
   });
   const auto estimated = static_cast<std::ptrdiff_t>(found.fit.free.names().size() - found.fit.free.effects().size());
-  return estimated < told_apart ? found.uncertainty.fixed_by_gauge : std::vector<std::string>();
+  return estimated < told_apart ? without_stations(found.uncertainty.fixed_by_gauge) : std::vector<std::string>();
 }
 
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
@@ -327,8 +328,17 @@ std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
   if (found.fit.minimum_norm) {
     result.push_back("what the measurements cannot tell apart (" + some_of(found.uncertainty.fixed_by_gauge) +
                      ") was set to the smallest errors that fit; predictions hold, single parameters do not");
-  } else if (!found.uncertainty.fixed_by_gauge.empty()) {
-    result.push_back("fixed by gauge: " + comma_separated(found.uncertainty.fixed_by_gauge) +
+    return result;
+  }
+  const std::vector<std::string> of_arm = without_stations(found.uncertainty.fixed_by_gauge);
+  std::vector<std::string> of_stations = found.uncertainty.fixed_by_gauge;
+  std::erase_if(of_stations, [](const std::string& name) { return !is_of_station(name); });
+  if (!of_stations.empty()) {
+    result.push_back("held as registered: " + some_of(of_stations) +
+                     " (the points of a station do not determine them; predictions of the arm do not depend on them)");
+  }
+  if (!of_arm.empty()) {
+    result.push_back("fixed by gauge: " + comma_separated(of_arm) +
                      " (errors at zero, frames as registered); predictions hold where it was measured, single "
                      "parameters do not");
   }
@@ -365,12 +375,12 @@ bool holds_where_measured(const CalibrationResult& found, const std::vector<Doub
                           const std::string& ambiguity) {
   constexpr double kOfNominal = 0.5;
   const BeforeAfter* held_out = found.accuracy.held_out();
+  const std::vector<std::string> fixed = without_stations(found.uncertainty.fixed_by_gauge);
   const auto is_of_frame = [](const std::string& name) { return name.find('.') != std::string::npos; };
-  return doubts.size() == 1 && doubts.front().cause == Cause::not_determined &&
-         !found.uncertainty.fixed_by_gauge.empty() &&
-         std::none_of(found.uncertainty.fixed_by_gauge.begin(), found.uncertainty.fixed_by_gauge.end(), is_of_frame) &&
-         ambiguity.empty() && found.uncertainty.predicted.measured.count > 0 && held_out != nullptr &&
-         held_out->after.count > 0 && held_out->after.rms < kOfNominal * held_out->before.rms;
+  return doubts.size() == 1 && doubts.front().cause == Cause::not_determined && !fixed.empty() &&
+         std::none_of(fixed.begin(), fixed.end(), is_of_frame) && ambiguity.empty() &&
+         found.uncertainty.predicted.measured.count > 0 && held_out != nullptr && held_out->after.count > 0 &&
+         held_out->after.rms < kOfNominal * held_out->before.rms;
 }
 
 std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosis& diagnosis,

@@ -55,14 +55,6 @@ void place(const std::array<int, 6>& columns, const Eigen::Matrix<double, 6, 6>&
   }
 }
 
-std::array<int, 6> base_columns(const Unknowns& free) {
-  std::array<int, 6> result{};
-  for (std::size_t i = 0; i < 6; ++i) {
-    result[i] = static_cast<int>(free.column(UnknownGroup::base, i).value_or(-1));
-  }
-  return result;
-}
-
 // RMS distance [m] of left-out configurations, at most 500 evenly spaced ones, from their prediction by all others;
 // infinite if these are too few. `noise`: [m] 1 sigma of a coordinate.
 double held_out_rms(const FitProblem& problem, double noise) {
@@ -206,8 +198,10 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
                                             const NoiseReport& noise) {
   const Index columns = covariance.cols();
   MatrixXd printed = MatrixXd::Identity(columns, columns);
-  const Matrix3d R_WB = estimate.X_WB.linear();
-  place(base_columns(free), printed_frame(R_WB, R_WB), printed);
+  for (std::size_t station = 0; station <= estimate.other_bases.size(); ++station) {
+    const Matrix3d R_WB = estimate.base(station).linear();
+    place(free.base_columns(station), printed_frame(R_WB, R_WB), printed);
+  }
   for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
     place(free.target_columns(k), printed_frame(Matrix3d::Identity(), estimate.targets[k].X_FT.linear()), printed);
   }

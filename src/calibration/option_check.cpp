@@ -86,6 +86,10 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
   if (options.estimator.method != Method::two_step) {
     return;
   }
+  if (measurements.stations.size() > 1) {
+    throw OptionError("method", "the two-step procedure finds one base, and " + measurements.source +
+                                    " has several stations, which need the joint estimate");
+  }
   const std::size_t targets = measurements.targets.size();
   const bool free_base = free.range(UnknownGroup::base).count == 6;
   const bool free_targets = free.range(UnknownGroup::targets).count >= static_cast<Eigen::Index>(3 * targets);

@@ -54,7 +54,11 @@ double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
 std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Estimate& nominal,
                                               const Estimate& estimate) {
   std::vector<ParameterEstimate> all;
-  add_frame_parameters(base_parameter_names(), nominal.X_WB, estimate.X_WB, all);
+  const std::vector<std::string> bases = base_parameter_names(model);
+  for (std::size_t station = 0; station <= estimate.other_bases.size(); ++station) {
+    const auto first = bases.begin() + static_cast<std::ptrdiff_t>(6 * station);
+    add_frame_parameters({first, first + 6}, nominal.base(station), estimate.base(station), all);
+  }
   for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
     const TargetFrame& target = estimate.targets[k];
     add_frame_parameters(target_parameter_names(target), nominal.targets[k].X_FT, target.X_FT, all);

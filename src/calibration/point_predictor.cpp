@@ -40,17 +40,18 @@ Eigen::VectorXd PointPredictor::left_out(const Eigen::VectorXd& q, const DriveSi
 // Covariance [m^2] of every target beyond that of the free unknowns: from left-out effects, infinite if it depends on
 // parameters fixed by gauge.
 std::vector<Eigen::Matrix3d> PointPredictor::unmodelled_covariances(const Eigen::VectorXd& q,
-                                                                    const DriveSignals& signals) const {
+                                                                    const DriveSignals& signals,
+                                                                    std::optional<std::size_t> station) const {
   std::vector<Eigen::Matrix3d> result(basis_.estimate.targets.size(), Eigen::Matrix3d::Zero());
   const Eigen::VectorXd variances = left_out(q, signals);
   if (!variances.isZero(0.0)) {
-    const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals);
+    const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals, station);
     for (std::size_t k = 0; k < result.size(); ++k) {
       result[k] = jacobians[k] * variances.asDiagonal() * jacobians[k].transpose();
     }
   }
   if (basis_.undetermined.cols() > 0) {
-    const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q, signals);
+    const std::vector<Matrix3Xd> jacobians = candidates_.jacobians(q, signals, station);
     for (std::size_t k = 0; k < result.size(); ++k) {
       if (!determines(jacobians[k])) {
         result[k] = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()).asDiagonal();
@@ -81,9 +82,10 @@ double PointPredictor::undetermined_motion(const Eigen::VectorXd& q) const {
   return largest;
 }
 
-std::vector<Eigen::Matrix3d> PointPredictor::covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const {
-  std::vector<Eigen::Matrix3d> result = unmodelled_covariances(q, signals);
-  const std::vector<Matrix3Xd> jacobians = free_.jacobians(q, signals);
+std::vector<Eigen::Matrix3d> PointPredictor::covariances(const Eigen::VectorXd& q, const DriveSignals& signals,
+                                                         std::optional<std::size_t> station) const {
+  std::vector<Eigen::Matrix3d> result = unmodelled_covariances(q, signals, station);
+  const std::vector<Matrix3Xd> jacobians = free_.jacobians(q, signals, station);
   for (std::size_t k = 0; k < result.size(); ++k) {
     if (result[k].allFinite()) {
       result[k] += jacobians[k] * basis_.covariance * jacobians[k].transpose();
@@ -112,22 +114,24 @@ Eigen::MatrixXd PointPredictor::sigmas(const Eigen::MatrixXd& joint_values, cons
   }
   for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
     Eigen::Index k = 0;
-    for (const Eigen::Matrix3d& covariance : unmodelled_covariances(joint_values.col(c), column(signals, c))) {
+    for (const Eigen::Matrix3d& covariance :
+         unmodelled_covariances(joint_values.col(c), column(signals, c), std::nullopt)) {
       variances(k++, c) += covariance.trace();
     }
   }
   return variances.cwiseSqrt();
 }
 
-std::vector<PointWithCovariance> PointPredictor::points(const Eigen::VectorXd& q, const DriveSignals& signals) const {
+std::vector<PointWithCovariance> PointPredictor::points(const Eigen::VectorXd& q, const DriveSignals& signals,
+                                                        std::optional<std::size_t> station) const {
   const Estimate& estimate = basis_.estimate;
   const Eigen::Isometry3d X_BF = flange_poses(basis_.model, estimate, q, signals).front();
-  const std::vector<Eigen::Matrix3d> all = covariances(q, signals);
+  const std::vector<Eigen::Matrix3d> all = covariances(q, signals, station);
   std::vector<PointWithCovariance> result;
   for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
     PointWithCovariance& point = result.emplace_back();
     point.position = X_BF * estimate.targets[k].X_FT.translation();
-    point.position_W = estimate.X_WB * point.position;
+    point.position_W = estimate.base(station.value_or(0)) * point.position;
     point.covariance = all[k];
     point.new_point = new_point({.covariance = all[k], .place = point.position_W}, basis_.noise);
     point.new_point.radius_95 *= basis_.region.radius_factor;

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "calibration/calibration_result.hpp"
@@ -23,7 +25,8 @@ struct PredictionBasis {
   MeasuredRegion region;
 };
 
-/// The predicted position of a target and its uncertainty.
+/// The predicted position of a target and its uncertainty. Of several stations W is that of the given one; without one
+/// it is the first's, and the covariance is that of the position in the base frame.
 struct PointWithCovariance {
   Eigen::Vector3d position;    ///< [m] in the base frame
   Eigen::Vector3d position_W;  ///< [m]
@@ -38,10 +41,12 @@ public:
   explicit PointPredictor(const PredictionBasis& basis);
 
   /// Every target at `q` and `signals` (one column).
-  std::vector<PointWithCovariance> points(const Eigen::VectorXd& q, const DriveSignals& signals) const;
+  std::vector<PointWithCovariance> points(const Eigen::VectorXd& q, const DriveSignals& signals,
+                                          std::optional<std::size_t> station = std::nullopt) const;
 
   /// Covariance [m^2] of every target in W.
-  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const;
+  std::vector<Eigen::Matrix3d> covariances(const Eigen::VectorXd& q, const DriveSignals& signals,
+                                           std::optional<std::size_t> station = std::nullopt) const;
 
   /// 3D 1 sigma [m], targets x N. One product for many configurations is three times faster than one for each.
   Eigen::MatrixXd sigmas(const Eigen::MatrixXd& joint_values, const DriveSignals& signals) const;
@@ -52,7 +57,8 @@ public:
 
 private:
   Eigen::VectorXd left_out(const Eigen::VectorXd& q, const DriveSignals& signals) const;
-  std::vector<Eigen::Matrix3d> unmodelled_covariances(const Eigen::VectorXd& q, const DriveSignals& signals) const;
+  std::vector<Eigen::Matrix3d> unmodelled_covariances(const Eigen::VectorXd& q, const DriveSignals& signals,
+                                                      std::optional<std::size_t> station) const;
   bool determines(const Matrix3Xd& jacobian) const;
 
   const PredictionBasis& basis_;

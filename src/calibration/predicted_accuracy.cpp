@@ -84,21 +84,34 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
   PredictedAccuracy result;
   result.region = measured_region(measurements, uncertain.held_out, uncertain.noise, uncertain.optimism);
   result.undetermined = undetermined_directions(uncertain.candidate_sqrt_information);
-  const PredictionBasis basis{.model = model,
-                              .estimate = uncertain.fit.identification.estimate,
-                              .free = uncertain.fit.free,
-                              .covariance = uncertain.covariance,
-                              .candidates = uncertain.fit.candidates,
-                              .undetermined = result.undetermined,
-                              .noise = new_point_noise(uncertain.noise),
-                              .region = result.region};
+  if (!model.stations.empty()) {  // directions of bases alone have rounding errors in the other columns
+    constexpr double kRounding = 1e-9;
+    result.undetermined = result.undetermined.unaryExpr([](double x) { return std::abs(x) < kRounding ? 0.0 : x; });
+  }
+  PredictionBasis basis{.model = model,
+                        .estimate = uncertain.fit.identification.estimate,
+                        .free = uncertain.fit.free,
+                        .covariance = uncertain.covariance,
+                        .candidates = uncertain.fit.candidates,
+                        .undetermined = result.undetermined,
+                        .noise = new_point_noise(uncertain.noise),
+                        .region = result.region};
   const PointPredictor predictor(basis);
+  const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
+  const auto at_measured = [&] {
+    return predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals);
+  };
+  const bool is_known = uncertain.covariance.diagonal().allFinite();
+  if (is_known && !model.stations.empty()) {  // of the arm alone, as all predictions without a station
+    const double largest = at_measured().maxCoeff();
+    result.region.largest_variance = largest * largest;
+    basis.region = result.region;
+  }
   result.asked = asked_points(predictor, model, basis.estimate, asked);
-  if (!uncertain.covariance.diagonal().allFinite()) {
+  if (!is_known) {
     return result;
   }
-  const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
-  const Eigen::MatrixXd there = predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals);
+  const Eigen::MatrixXd there = at_measured();
   if (there.allFinite()) {
     result.measured = error_statistics(listed_values(there));
   }

@@ -144,6 +144,7 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   options.parameters.known_base = known.known_base;
   options.parameters.known_targets = known.known_targets;
+  options.parameters.known_stations = known.known_stations;
   options.diagnosis.convention = convention_of(arguments.measurements.joint_convention);
   options.diagnosis.other_conventions = conventions_at_hand(arguments.measurements);
   if (!arguments.predict_at.empty()) {

@@ -9,6 +9,7 @@
 #include "cli/frames.hpp"
 #include "cli/joined_files.hpp"
 #include "cli/options.hpp"
+#include "cli/plan_command.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -31,18 +32,63 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
       ->type_name("CONFIGURATION[:TARGET],...");
   add_file(app, "--joint-convention", arguments.joint_convention,
            "How the controller's joint values become the URDF's (JSON)");
-  add_file(app, "--known-base", arguments.known_base,
-           "The base in the measuring device's frame, from a result or {\"position\", \"quaternion_wxyz\"}");
+  app.add_option("--known-base", arguments.known_bases,
+                 "The base in the measuring device's frame, from a result or {\"position\", \"quaternion_wxyz\"}; of "
+                 "several stations A=FILE for each that is known")
+      ->type_name("[STATION=]FILE")
+      ->allow_extra_args(false);
   add_file(app, "--known-targets", arguments.known_targets,
            "Targets in the flange frame, from a result or {\"targets\": [{\"name\", \"position\"}]}");
 }
 
+namespace {
+
+struct KnownBase {
+  std::string station;  // empty: the only one
+  std::string file;
+};
+
+std::vector<KnownBase> known_bases(const MeasurementArguments& arguments) {
+  std::vector<KnownBase> result;
+  for (const std::string& text : arguments.known_bases) {
+    const std::size_t sign = fs::exists(text) ? std::string::npos : text.find('=');
+    const bool is_named = sign != std::string::npos;
+    result.push_back(
+        {.station = is_named ? text.substr(0, sign) : "", .file = is_named ? text.substr(sign + 1) : text});
+    const auto is_same = [&](const KnownBase& other) { return other.station == result.back().station; };
+    if (std::any_of(result.begin(), result.end() - 1, is_same)) {
+      throw InputError("--known-base: " + (is_named ? "station " + shown(result.back().station) : "the base") +
+                       " is there twice, expected each once");
+    }
+  }
+  return result;
+}
+
+// Of a result with several stations the base at this one.
+Eigen::Isometry3d base_at(const std::string& station, const std::string& file) {
+  const Json json = read_json(file);
+  if (!json.is_object() || !json.contains("stations")) {
+    return base_of(json, file);
+  }
+  for (const Json& entry : json["stations"]) {
+    if (text_at(entry, "name") == station) {
+      return base_of(entry, file);
+    }
+  }
+  throw InputError(file + ": stations: none is " + shown(station) + ", expected that station or a file of one base");
+}
+
+}  // namespace
+
 FileRoles files_of(const MeasurementArguments& arguments) {
-  return {{"measurements", arguments.measurements},
-          {"joints-file", arguments.joints_file},
-          {"joint-convention", arguments.joint_convention},
-          {"known-base", arguments.known_base},
-          {"known-targets", arguments.known_targets}};
+  FileRoles files = {{"measurements", arguments.measurements},
+                     {"joints-file", arguments.joints_file},
+                     {"joint-convention", arguments.joint_convention}};
+  for (const KnownBase& known : known_bases(arguments)) {
+    files.emplace_back(known.station.empty() ? "known-base" : "known-base " + known.station, known.file);
+  }
+  files.emplace_back("known-targets", arguments.known_targets);
+  return files;
 }
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
@@ -82,8 +128,18 @@ std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values) {
 
 RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements) {
   RegistrationOptions options;
-  if (!arguments.known_base.empty()) {
-    options.known_base = read_base(arguments.known_base);
+  const std::vector<std::string>& stations = measurements.stations;
+  for (const KnownBase& given : known_bases(arguments)) {
+    if (stations.size() < 2 && (given.station.empty() || stations == std::vector<std::string>{given.station})) {
+      options.known_base = base_at(given.station, given.file);
+    } else if (std::find(stations.begin(), stations.end(), given.station) != stations.end()) {
+      options.known_stations.push_back({.station = given.station, .X_WB = base_at(given.station, given.file)});
+    } else {
+      throw InputError("--known-base: " + (given.station.empty() ? "no station" : "station " + shown(given.station)) +
+                       ", expected " +
+                       (stations.empty() ? "a file alone, as the measurements have no column station"
+                                         : "STATION=FILE with one of " + comma_separated(stations)));
+    }
   }
   if (!arguments.known_targets.empty()) {
     for (TargetFrame& target : read_targets(arguments.known_targets)) {

@@ -24,7 +24,7 @@ struct MeasurementArguments {
   std::string point_names;
   std::vector<std::string> exclude;
   std::string joint_convention;
-  std::string known_base;
+  std::vector<std::string> known_bases;  // FILE or STATION=FILE
   std::string known_targets;
 };
 void add_measurement_options(CLI::App& app, MeasurementArguments& arguments);

@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "base/sha256.hpp"
 #include "base/text_file.hpp"
@@ -40,9 +42,24 @@ std::optional<std::string> hash_of(const Json& result, const std::string& role) 
   return std::nullopt;
 }
 
+// The files given, and empty paths for the other bases that the result was made with.
+FileRoles files_and_bases(const ReportArguments& arguments, const Json& result) {
+  FileRoles files = files_of(arguments.measurements);
+  if (hash_of(result, "measurements")) {
+    for (const Json& file : result["provenance"]["files_read"]) {
+      const std::string role = text_at(file, "role");
+      const auto is_same = [&](const auto& other) { return other.first == role; };
+      if (role.rfind("known-base", 0) == 0 && std::none_of(files.begin(), files.end(), is_same)) {
+        files.emplace_back(role, "");
+      }
+    }
+  }
+  return files;
+}
+
 // Requires the files of the result: with others the page would show residuals that the result never had.
 void require_same_files(const ReportArguments& arguments, const Json& result) {
-  for (const auto& [role, path] : files_of(arguments.measurements)) {
+  for (const auto& [role, path] : files_and_bases(arguments, result)) {
     const std::optional<std::string> hash = hash_of(result, role);
     const std::string option = "--" + role;
     if (path.empty() && hash) {

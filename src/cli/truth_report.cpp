@@ -93,6 +93,10 @@ Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_
     targets.push_back(target_json(target));
   }
   Json drawn = {{"parameters", parameters}, {"base", frame_json(robot.truth.X_WB)}, {"targets", targets}};
+  for (std::size_t station = 0; station < robot.model.stations.size(); ++station) {
+    drawn["stations"].push_back({{"name", robot.model.stations[station]}});
+    drawn["stations"].back().update(frame_json(robot.truth.base(station)));
+  }
   if (!robot.model.effects.empty()) {
     drawn["effects"] = json_of(effects_json(robot.model, robot.truth.effects), "effects");
   }

@@ -18,6 +18,7 @@
 #include "diagnosis/alternative_readings.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "planning/truth_comparison.hpp"
 #include "results/result_blocks.hpp"
@@ -56,7 +57,7 @@ bool absurd(const ErrorModel& model, double misfit) {
   return misfit > kShare * reach;
 }
 
-std::string json(const RegisteredErrors& errors) {
+std::string json(const RegisteredErrors& errors, const Measurements& measurements) {
   const Registration& registration = errors.registration;
   Json targets = Json::array();
   for (const TargetFrame& target : registration.targets) {
@@ -69,18 +70,23 @@ std::string json(const RegisteredErrors& errors) {
     }
     return block;
   };
-  return json_text({{"position_error",
-                     {{"all", with_means(errors.all, errors.all_means)},
-                      {"train", with_means(errors.train, errors.train_means)},
-                      {"test", with_means(errors.test, errors.test_means)}}},
-                    {"iso_9283",
-                     {{"accuracy", statistics_json(errors.iso.accuracy)},
-                      {"repeatability", statistics_json(errors.iso.repeatability)}}},
-                    {"registered_to", errors.train.count > 0 ? "train" : "test"},
-                    {"degrees_of_freedom", errors.freedom.left()},
-                    {"rms_corrected", registration.rms * errors.freedom.correction()},
-                    {"base", frame_json(registration.X_WB)},
-                    {"targets", targets}});
+  Json result = {{"position_error",
+                  {{"all", with_means(errors.all, errors.all_means)},
+                   {"train", with_means(errors.train, errors.train_means)},
+                   {"test", with_means(errors.test, errors.test_means)}}},
+                 {"iso_9283",
+                  {{"accuracy", statistics_json(errors.iso.accuracy)},
+                   {"repeatability", statistics_json(errors.iso.repeatability)}}},
+                 {"registered_to", errors.train.count > 0 ? "train" : "test"},
+                 {"degrees_of_freedom", errors.freedom.left()},
+                 {"rms_corrected", registration.rms * errors.freedom.correction()},
+                 {"base", frame_json(registration.X_WB)},
+                 {"targets", targets}};
+  for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
+    result["stations"].push_back({{"name", measurements.stations[s]}});
+    result["stations"].back().update(frame_json(registration.base(s)));
+  }
+  return json_text(result);
 }
 
 std::string line(const std::string& label, const ErrorStatistics& statistics) {
@@ -98,11 +104,12 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
 // The frames that are registered because they are not known.
 std::string registered(const RegistrationOptions& known, const Registration& registration) {
   const bool targets = known.known_targets.size() < registration.targets.size();
-  return known.known_base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
+  const bool base = known.known_base || known.known_stations.size() == registration.other_bases.size() + 1;
+  return base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
 }
 
-std::string table(const ValidateArguments& arguments, const Robot& robot, const RegisteredErrors& errors,
-                  const std::string& placed) {
+std::string table(const ValidateArguments& arguments, const Measurements& measurements, const Robot& robot,
+                  const RegisteredErrors& errors, const std::string& placed) {
   const Registration& registration = errors.registration;
   std::string text =
       "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
@@ -118,7 +125,11 @@ std::string table(const ValidateArguments& arguments, const Robot& robot, const 
     text += fmt::format("{} took {} of {} coordinates: corrected rms {:.3f} mm\n", placed, errors.freedom.spent(),
                         errors.freedom.coordinates, registration.rms * errors.freedom.correction() * 1e3);
   }
-  text += point("base, measured [mm]", registration.X_WB.translation());
+  for (std::size_t s = 0; s <= registration.other_bases.size(); ++s) {
+    text += point(
+        s == 0 && registration.other_bases.empty() ? "base, measured [mm]" : "base from " + measurements.stations[s],
+        registration.base(s).translation());
+  }
   for (const TargetFrame& target : registration.targets) {
     text += point("target " + target.name, target.X_FT.translation());
   }
@@ -163,11 +174,11 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
   const ErrorModel nominal = complete_model(robot);
   const SavedCalibration found = read_arm(arguments.result, robot, nominal).arm;
   const auto [drawn, truth_as_read] = read_arm(arguments.truth, robot, nominal);
-  const auto [model, estimate, truth] =
-      as_one_model(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate});
   Random random(arguments.seed);
   const Eigen::MatrixXd joint_values = random_configurations(
-      model.joints, ranges_to_compare_in(truth_as_read, arguments.truth, model), kConfigurationsOfTruth, random);
+      nominal.joints, ranges_to_compare_in(truth_as_read, arguments.truth, nominal), kConfigurationsOfTruth, random);
+  const auto [model, estimate, truth] = without_stations(
+      as_one_model(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate}), joint_values);
   const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
   if (arguments.json) {
     Json json = truth_json(model, estimate, truth, comparison);
@@ -211,6 +222,10 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
              const Estimate& estimate, const RegistrationOptions& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
   Words words;
+  if (!model.stations.empty()) {
+    words.warnings.emplace_back("other readings of the data were not tried (several stations)");
+    return words;
+  }
   for (const AlternativeReading& reading :
        alternative_readings_of_nominal(model, fitted, estimate,
                                        {.registration = known,
@@ -263,8 +278,8 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const SavedCalibration arm = arm_of(robot, arguments.result);
-  const ErrorModel& model = arm.model;
   const Measurements measurements = read(arguments.measurements, robot);
+  const ErrorModel model = at_stations_of(measurements, arm.model);
   const RegistrationOptions known = known_frames(arguments.measurements, measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
   const Measurements to_register = rows_to_register(measurements);
@@ -273,8 +288,9 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const Estimate estimate{.errors = arm.estimate.errors,
                           .X_WB = registration.X_WB,
                           .targets = registration.targets,
-                          .effects = arm.estimate.effects};
-  const std::string result = json(errors);
+                          .effects = arm.estimate.effects,
+                          .other_bases = registration.other_bases};
+  const std::string result = json(errors, measurements);
   Words words = judged(arguments, model, to_register, estimate, known);
   if (words.doubts.empty() && absurd(model, registration.rms)) {
     words.doubts.push_back(fmt::format(
@@ -298,8 +314,9 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
                          .requirements = judged_json(outcomes),
                          .doubts = words.doubts});
   }
-  write_whole(files, arguments.force,
-              arguments.json ? result : table(arguments, robot, errors, placed) + outcome_lines(outcomes));
+  write_whole(
+      files, arguments.force,
+      arguments.json ? result : table(arguments, measurements, robot, errors, placed) + outcome_lines(outcomes));
   for (const std::vector<std::string>& messages : {words.warnings, words.doubts}) {
     for (const std::string& message : messages) {
       warn(message);

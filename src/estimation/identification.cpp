@@ -48,6 +48,7 @@ Estimate nominal_start(const ErrorModel& model, const Measurements& measurements
       flange_poses(folded(model, start.errors), measurements.joint_values), measurements, options);
   start.X_WB = registration.X_WB;
   start.targets = registration.targets;
+  start.other_bases = registration.other_bases;
   return start;
 }
 

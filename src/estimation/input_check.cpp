@@ -31,6 +31,11 @@ void check(const ErrorModel& model) {
 void check(const Measurements& measurements, const ErrorModel& model) {
   check(model);
   check(measurements);
+  if (measurements.stations.size() > 1 ? model.stations != measurements.stations : !model.stations.empty()) {
+    throw InputError(fmt::format("{}: {} stations, expected the model's {}", measurements.source,
+                                 std::max<std::size_t>(measurements.stations.size(), 1),
+                                 std::max<std::size_t>(model.stations.size(), 1)));
+  }
   const auto joints = static_cast<std::size_t>(measurements.joint_values.rows());
   if (joints != model.joints.size()) {
     throw InputError(fmt::format("{}: joint values of {} joints, expected the robot's {}", measurements.source, joints,
@@ -52,7 +57,11 @@ void check(const Estimate& estimate, const ErrorModel& model, std::size_t target
   }
   const bool finite_targets = std::all_of(estimate.targets.begin(), estimate.targets.end(),
                                           [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
-  require_finite("an estimate", estimate.errors.allFinite() && estimate.effects.allFinite() &&
+  const bool finite_bases = std::all_of(estimate.other_bases.begin(), estimate.other_bases.end(),
+                                        [](const Eigen::Isometry3d& X_WB) { return X_WB.matrix().allFinite(); });
+  require_count("bases of an estimate", estimate.other_bases.size() + 1,
+                std::max<std::size_t>(model.stations.size(), 1));
+  require_finite("an estimate", finite_bases && estimate.errors.allFinite() && estimate.effects.allFinite() &&
                                     estimate.X_WB.matrix().allFinite() && finite_targets);
 }
 
@@ -61,6 +70,8 @@ void check(const Estimate& estimate, const ErrorModel& model, const Measurements
 }
 
 void check(const Unknowns& free, const ErrorModel& model, std::size_t targets) {
+  require_indices("the free coordinate of bases", free.of(UnknownGroup::base),
+                  6 * std::max<std::size_t>(model.stations.size(), 1));
   require_indices("the free geometric parameter", free.geometric(), model.parameters.size());
   require_indices("the free effect", free.effects(), model.effects.size());
   require_indices("the free coordinate of targets", free.of(UnknownGroup::targets), 6 * targets);
@@ -131,11 +142,27 @@ void check(const RegistrationOptions& options) {
                    [](const TargetFrame& target) { return is_rigid(target.X_FT); })) {
     refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
   }
+  for (const StationBase& base : options.known_stations) {
+    if (!is_rigid(base.X_WB)) {
+      refuse_input("the known base of station " + shown(base.station) + " is not a pose",
+                   "a rotation and a translation");
+    }
+  }
   require_sigma("the length for orientations", options.orientation_length);
 }
 
 void check(const RegistrationOptions& options, const Measurements& measurements) {
   check(options);
+  const std::vector<std::string>& stations = measurements.stations;
+  if (options.known_base && stations.size() > 1) {
+    refuse_input("a known base without its station", "one for a station of " + comma_separated(stations));
+  }
+  for (const StationBase& base : options.known_stations) {
+    if (stations.size() < 2 || std::find(stations.begin(), stations.end(), base.station) == stations.end()) {
+      refuse_input("a known base of station " + shown(base.station) + ", which was not measured",
+                   stations.size() < 2 ? "a known base without a station" : "one of " + comma_separated(stations));
+    }
+  }
   const std::vector<std::string>& measured = measurements.targets;
   const bool any = std::any_of(measured.begin(), measured.end(), [&](const std::string& name) {
     return find_target(options.known_targets, name) != nullptr;

@@ -78,7 +78,7 @@ LanePass::LanePass(const ErrorModel& model, const Unknowns& unknowns, const std:
       threads_(threads) {
   const std::vector<ParameterTwist> base = base_twists();
   for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
-    twists_.push_back(base[i]);
+    twists_.push_back(base[i % 6]);
   }
   twists_.resize(twists_.size() + unknowns.geometric().size());
   const std::vector<std::size_t>& free = unknowns.effects();

@@ -14,6 +14,8 @@
 #include "estimation/observed_data.hpp"
 #include "estimation/residual_options.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/stations.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 
@@ -44,12 +46,70 @@ const ErrorModel& checked(const ErrorModel& model, const Measurements& measureme
 }  // namespace
 
 struct LeastSquaresProblem::Data {
+  // Rotations of a station that its points do not show: about the line that they lie on, or about the point.
+  struct LooseRotations {
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // [m] of the points in W
+    Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    // in W
+
+    explicit LooseRotations(const Measurements& station) {
+      constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points from the axis
+      const bool oriented = std::any_of(station.orientations.begin(), station.orientations.end(),
+                                        [](const Eigen::Quaterniond& turn) { return !is_point(turn); });
+      if (station.observations.empty() || oriented) {
+        return;
+      }
+      const auto count = static_cast<double>(station.observations.size());
+      for (const Observation& observation : station.observations) {
+        centre += observation.position / count;
+      }
+      Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();  // of the levers
+      for (const Observation& observation : station.observations) {
+        const Eigen::Matrix3d arm = skew(Eigen::Vector3d(observation.position - centre));
+        squares += arm.transpose() * arm / count;
+      }
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spectrum(squares);
+      axes = spectrum.eigenvectors().leftCols((spectrum.eigenvalues().array() < kShortest * kShortest).count());
+    }
+
+    // As motions of the base, in these of `count` columns. None if a column is fixed.
+    MatrixXd motions(const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns, Index count) const {
+      const bool free = std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+      MatrixXd result = MatrixXd::Zero(count, free ? axes.cols() : 0);
+      for (Index i = 0; i < result.cols(); ++i) {
+        const Eigen::Vector3d turn = X_WB.linear().transpose() * axes.col(i);
+        Vector6d motion;
+        motion << (X_WB.inverse() * centre).cross(turn), turn;
+        result(columns, i) = motion;
+      }
+      return result;
+    }
+  };
+
+  // The rows of one of several stations, and the columns of its unknowns among all.
+  struct Part {
+    std::size_t station;
+    std::vector<Index> columns;
+    std::unique_ptr<const LeastSquaresProblem> problem;
+    LooseRotations loose;
+
+    Estimate at(const Estimate& estimate) const {
+      return {.errors = estimate.errors,
+              .X_WB = estimate.base(station),
+              .targets = estimate.targets,
+              .effects = estimate.effects};
+    }
+  };
+
   Data(const ErrorModel& the_model, const Measurements& measurements, const Unknowns& the_unknowns,
        const ResidualOptions& options)
       : model(checked(the_model, measurements, the_unknowns, options)),
         unknowns(the_unknowns),
         targets(measurements.targets.size()),
-        observed(gathered(the_model, the_unknowns, measurements, options)),
+        one_station(the_model.stations.size() > 1 ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
+                                                  : nullptr),
+        parts(parts_of(measurements, options)),
+        observed(parts.empty() ? gathered(the_model, the_unknowns, measurements, options) : ObservedData()),
+        totals(totals_of_parts()),
         priors(prior_rows(the_unknowns, options)),
         prior_information(priors.information()),
         lanes(model, unknowns, observed.groups, options.threads),
@@ -62,7 +122,17 @@ struct LeastSquaresProblem::Data {
     if (estimate.effects.size() != 0) {
       require_count("effects of an estimate", estimate.effects.size(), model.effects.size());
     }
+    require_count("bases of an estimate", estimate.other_bases.size() + 1,
+                  std::max<std::size_t>(model.stations.size(), 1));
   }
+
+  std::vector<Part> parts_of(const Measurements& measurements, const ResidualOptions& options) const;
+  ObservedTotals totals_of_parts() const;
+  void add_parts(const Estimate& estimate, NormalEquations& equations) const;
+  double cost_of_parts(const Estimate& estimate) const;
+  std::vector<Index> configurations() const;
+  template <class Visitor>
+  void visit_whitened(const Estimate& estimate, Visitor visitor) const;
 
   bool side_by_side() const { return !observed.groups.empty(); }
 
@@ -92,12 +162,103 @@ struct LeastSquaresProblem::Data {
   const ErrorModel& model;
   const Unknowns unknowns;
   const std::size_t targets;
-  const ObservedData observed;
+  const std::unique_ptr<const ErrorModel> one_station;  // the model of the parts
+  const std::vector<Part> parts;                        // of several stations
+  const ObservedData observed;                          // of a single one
+  const ObservedTotals totals;
   const PriorRows priors;
   const Eigen::SparseMatrix<double> prior_information;
   const LanePass lanes;
   const BlockPass blocks;
 };
+
+std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of(const Measurements& measurements,
+                                                                                 const ResidualOptions& options) const {
+  std::vector<Part> result;
+  for (std::size_t station = 0; model.stations.size() > 1 && station < model.stations.size(); ++station) {
+    const StationRows own = rows_of_station(measurements, station);
+    ResidualOptions residuals = options;
+    residuals.priors = {};
+    residuals.earlier = nullptr;
+    residuals.row_weights.clear();
+    for (std::size_t i = 0; !options.row_weights.empty() && i < own.rows.size(); ++i) {
+      residuals.row_weights.push_back(options.row_weights[own.rows[i]]);
+    }
+    Part& part = result.emplace_back(Part{station, {}, nullptr, LooseRotations(own.measurements)});
+    const std::vector<bool> marked = unknowns.at_station(station);
+    for (std::size_t column = 0; column < marked.size(); ++column) {
+      if (marked[column]) {
+        part.columns.push_back(static_cast<Index>(column));
+      }
+    }
+    part.problem = std::make_unique<const LeastSquaresProblem>(*one_station, own.measurements,
+                                                               unknowns.of_station(station), residuals);
+  }
+  return result;
+}
+
+ObservedTotals LeastSquaresProblem::Data::totals_of_parts() const {
+  ObservedTotals sum = observed.totals;
+  for (const Part& part : parts) {
+    const ObservedTotals& own = part.problem->data_->totals;
+    sum.equations += own.equations;
+    sum.points += own.points;
+    sum.cost_of_repeats += own.cost_of_repeats;
+    sum.weight += own.weight;
+  }
+  return sum;
+}
+
+void LeastSquaresProblem::Data::add_parts(const Estimate& estimate, NormalEquations& equations) const {
+  for (const Part& part : parts) {
+    const NormalEquations own = part.problem->linearise(part.at(estimate));
+    equations.hessian(part.columns, part.columns) += own.hessian;
+    equations.gradient(part.columns) += own.gradient;
+    equations.cost += own.cost;
+  }
+}
+
+double LeastSquaresProblem::Data::cost_of_parts(const Estimate& estimate) const {
+  double cost = 0.0;
+  for (const Part& part : parts) {
+    cost += part.problem->cost(part.at(estimate));
+  }
+  return cost;
+}
+
+// The configurations in the order of visit_whitened().
+std::vector<Index> LeastSquaresProblem::Data::configurations() const {
+  std::vector<Index> result = observed.columns();
+  for (const Part& part : parts) {
+    const std::vector<Index> own = part.problem->data_->configurations();
+    result.insert(result.end(), own.begin(), own.end());
+  }
+  return result;
+}
+
+// Calls visitor(rows) for each configuration: its whitened Jacobian with the residual as last column.
+template <class Visitor>
+void LeastSquaresProblem::Data::visit_whitened(const Estimate& estimate, Visitor visitor) const {
+  Block linearised;
+  MatrixXd rows;
+  blocks.visit(estimate, linearised, [&](const Block& block) {
+    whiten(block, unknowns.size(), rows);
+    visitor(rows);
+  });
+  for (const Part& part : parts) {
+    const LeastSquaresProblem::Data& own = *part.problem->data_;
+    const Estimate at = part.at(estimate);
+    Block of_part;
+    MatrixXd whitened;
+    own.blocks.visit(at, of_part, [&](const Block& block) {
+      whiten(block, own.unknowns.size(), whitened);
+      rows.setZero(whitened.rows(), unknowns.size() + 1);
+      rows(Eigen::all, part.columns) = whitened.leftCols(own.unknowns.size());
+      rows.rightCols<1>() = whitened.rightCols<1>();
+      visitor(rows);
+    });
+  }
+}
 
 LeastSquaresProblem::LeastSquaresProblem(const ErrorModel& model, const Measurements& measurements,
                                          const Unknowns& unknowns, const ResidualOptions& options)
@@ -107,10 +268,10 @@ LeastSquaresProblem::~LeastSquaresProblem() = default;
 const ErrorModel& LeastSquaresProblem::model() const { return data_->model; }
 const Unknowns& LeastSquaresProblem::unknowns() const { return data_->unknowns; }
 Index LeastSquaresProblem::columns() const { return data_->unknowns.size(); }
-long LeastSquaresProblem::equations() const { return data_->observed.totals.equations; }
-long LeastSquaresProblem::points() const { return data_->observed.totals.points; }
-double LeastSquaresProblem::cost_of_repeats() const { return data_->observed.totals.cost_of_repeats; }
-double LeastSquaresProblem::total_weight() const { return data_->observed.totals.weight; }
+long LeastSquaresProblem::equations() const { return data_->totals.equations; }
+long LeastSquaresProblem::points() const { return data_->totals.points; }
+double LeastSquaresProblem::cost_of_repeats() const { return data_->totals.cost_of_repeats; }
+double LeastSquaresProblem::total_weight() const { return data_->totals.weight; }
 
 NormalEquations LeastSquaresProblem::linearise(const Estimate& estimate) const {
   Workspace workspace;
@@ -130,6 +291,7 @@ void LeastSquaresProblem::linearise(const Estimate& estimate, Workspace& workspa
   } else {
     data_->blocks.add(estimate, workspace.content_->blocks, equations);
   }
+  data_->add_parts(estimate, equations);
   if (data_->priors.rows.rows() > 0) {
     const VectorXd& left = data_->prior_residuals(estimate, *workspace.content_);
     equations.hessian += data_->prior_information;
@@ -152,6 +314,7 @@ double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace)
   double cost = data_->observed.totals.cost_of_repeats;
   cost += data_->side_by_side() ? data_->lanes.cost(estimate, workspace.content_->lanes)
                                 : data_->blocks.cost(estimate, workspace.content_->blocks);
+  cost += data_->cost_of_parts(estimate);
   if (data_->priors.rows.rows() > 0) {
     cost += data_->prior_residuals(estimate, *workspace.content_).squaredNorm();
   }
@@ -162,16 +325,15 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
   data_->require_fit(estimate);
   const Index columns = data_->unknowns.size();
   std::vector<MatrixXd> blocks;
-  Block linearised;
   Index rows = 0;
-  data_->blocks.visit(estimate, linearised, [&](const Block& block) {
-    whiten(block, columns, blocks.emplace_back());
-    rows += blocks.back().rows();
+  data_->visit_whitened(estimate, [&](const MatrixXd& block) {
+    blocks.push_back(block);
+    rows += block.rows();
   });
   const Index priors = data_->priors.rows.rows();
   WhitenedSystem system{
       .jacobian = MatrixXd::Zero(rows + priors, columns), .residual = VectorXd::Zero(rows + priors), .blocks = {}};
-  const std::vector<Index> configurations = data_->observed.columns();
+  const std::vector<Index> configurations = data_->configurations();
   std::vector<std::size_t> order(blocks.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
@@ -202,14 +364,19 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
   }
   const Index columns = data_->unknowns.size();
   RowSummary summary(columns);
-  Block linearised;
-  MatrixXd rows;
-  data_->blocks.visit(estimate, linearised, [&](const Block& block) {
-    whiten(block, columns, rows);
-    summary.add_configuration(rows.leftCols(columns), rows.col(columns));
-  });
+  data_->visit_whitened(
+      estimate, [&](const MatrixXd& rows) { summary.add_configuration(rows.leftCols(columns), rows.col(columns)); });
   summary.add_priors(MatrixXd(data_->priors.rows));
-  return summary.finish();
+  WhitenedSummary result = summary.finish();
+  for (const Data::Part& part : data_->parts) {
+    const MatrixXd loose =
+        part.loose.motions(estimate.base(part.station), data_->unknowns.base_columns(part.station), columns);
+    if (loose.cols() > 0) {
+      result.sqrt_information -=
+          result.sqrt_information * loose * loose.completeOrthogonalDecomposition().pseudoInverse();
+    }
+  }
+  return result;
 }
 
 // Empty if the information is too badly conditioned for a Cholesky factor.

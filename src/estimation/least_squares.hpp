@@ -15,7 +15,7 @@ namespace kdl_calibration {
 
 /// The residuals of a set of measurements and their linearisation. Only observations with Split::train take part.
 /// Repeats of a configuration are gathered into one block of information, exactly: the cost changes by a constant.
-/// All methods may be called from several threads at once.
+/// With several stations it is the sum of the problems of each. All methods may be called from several threads at once.
 class LeastSquaresProblem {
 public:
   /// Keeps a reference to the model alone. Throws InputError if the independent noise is negligible beside the common
@@ -45,7 +45,8 @@ public:
   double cost(const Estimate& estimate, Workspace& workspace) const;
   WhitenedSystem whitened(const Estimate& estimate) const;
   /// As summarised(whitened(estimate)), in constant memory. Above kManyConfigurations configurations on the lane pass,
-  /// the triangular factor is a Cholesky factor of the information if its condition allows.
+  /// the triangular factor is a Cholesky factor of the information if its condition allows. Rotations of one of several
+  /// stations about the line or the point that its points are on get no information: only residuals would show them.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
   static constexpr std::size_t kManyConfigurations = 3000;
 

@@ -28,8 +28,9 @@ Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>
                          const Observation& observation) {
   require_index("the configuration", observation.configuration, X_BF.size());
   require_index("the target", observation.target, estimate.targets.size());
-  return estimate.X_WB * (X_BF[static_cast<std::size_t>(observation.configuration)] *
-                          estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+  return estimate.base(static_cast<std::size_t>(observation.station)) *
+         (X_BF[static_cast<std::size_t>(observation.configuration)] *
+          estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
 }
 
 ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term) {
@@ -50,7 +51,7 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   std::vector<ParameterTwist> twists;
   const std::vector<ParameterTwist> base = base_twists();
   for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
-    twists.push_back(base[i]);
+    twists.push_back(base[i % 6]);
   }
   const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
@@ -68,14 +69,23 @@ PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& es
       chain_(folded(model, estimate.errors)),
       twists_(chain_twists(model, estimate, unknowns)) {}
 
-std::vector<Matrix3Xd> PositionPredictor::jacobians(const Measurements& measurements, Index configuration) const {
-  return jacobians(measurements.joint_values.col(configuration), column(measurements.signals, configuration));
+std::vector<Matrix3Xd> PositionPredictor::jacobians(const Measurements& measurements, Index configuration,
+                                                    std::optional<std::size_t> station) const {
+  return jacobians(measurements.joint_values.col(configuration), column(measurements.signals, configuration), station);
 }
 
-std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const DriveSignals& signals) const {
+std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const DriveSignals& signals,
+                                                    std::optional<std::size_t> station) const {
   const MatrixXd joints = effective_joint_values(model_, estimate_.effects, q, signals);
   Matrix6Xd chain;
-  const Matrix3d R_WF = estimate_.X_WB.linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
+  const Matrix3d R_WF =
+      estimate_.base(station.value_or(0)).linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
+  const std::vector<std::size_t>& of_bases = unknowns_.of(UnknownGroup::base);
+  for (std::size_t i = 0; !estimate_.other_bases.empty() && i < of_bases.size(); ++i) {
+    if (!station || of_bases[i] / 6 != *station) {
+      chain.col(static_cast<Index>(i)).setZero();
+    }
+  }
   if (!unknowns_.effects().empty()) {
     const MatrixXd basis = effect_basis(model_, q, signals);
     Index column = unknowns_.range(UnknownGroup::effects).first;

@@ -2,6 +2,8 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "estimation/unknowns.hpp"
@@ -18,7 +20,8 @@ std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estim
 std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estimate& estimate,
                                             const Measurements& measurements);
 
-/// The predicted position of an observation, in W [m]: f = X_WB X_BF t. `X_BF` has one pose per configuration.
+/// The predicted position of an observation, in W of its station [m]: f = X_WB X_BF t. `X_BF` has one pose per
+/// configuration.
 Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eigen::Isometry3d>& X_BF,
                                 const Observation& observation);
 
@@ -33,9 +36,13 @@ public:
   PositionPredictor(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 
   /// Jacobian of each target's position in W at joint values q and `signals` (one column): 3 x columns, [m] per unit.
-  std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q, const DriveSignals& signals = {}) const;
+  /// With several stations it is that of the given one; without one, that of the position in the base, along the axes
+  /// of the first station's W.
+  std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q, const DriveSignals& signals = {},
+                                   std::optional<std::size_t> station = std::nullopt) const;
   /// The same at a configuration of the measurements.
-  std::vector<Matrix3Xd> jacobians(const Measurements& measurements, Eigen::Index configuration) const;
+  std::vector<Matrix3Xd> jacobians(const Measurements& measurements, Eigen::Index configuration,
+                                   std::optional<std::size_t> station = std::nullopt) const;
 
 private:
   const ErrorModel& model_;

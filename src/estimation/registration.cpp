@@ -10,6 +10,7 @@
 
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
+#include "estimation/station_registration.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -381,6 +382,9 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
                                        const RegistrationOptions& options) {
   check_poses(X_BF, measurements);
   check(options);
+  if (measurements.stations.size() > 1) {
+    return register_stations(X_BF, measurements, options);
+  }
   std::vector<const TargetFrame*> known;
   for (const std::string& name : measurements.targets) {
     known.push_back(find_target(options.known_targets, name));

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,8 +12,9 @@
 namespace kdl_calibration {
 
 struct RegistrationOptions {
-  std::optional<Eigen::Isometry3d> known_base;  ///< X_WB
-  std::vector<TargetFrame> known_targets;       ///< targets with these names are not estimated
+  std::optional<Eigen::Isometry3d> known_base;   ///< X_WB
+  std::vector<TargetFrame> known_targets;        ///< targets with these names are not estimated
+  std::vector<StationBase> known_stations = {};  ///< instead of `known_base`, if there are several stations
   /// [m] an orientation error of 1 rad counts as this position error.
   double orientation_length = 0.3;
 };
@@ -20,11 +22,14 @@ struct RegistrationOptions {
 /// Poses of the base and the targets for a given geometry.
 struct Registration {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  std::vector<TargetFrame> targets;  ///< in the measurements' order; orientation only if measured
-  double rms = 0.0;                  ///< [m] 3D distance between measured and predicted points
-  int open = 0;                      ///< undetermined directions of base and targets
-  bool ambiguous = false;            ///< another base pose fits about as well
-  std::string message;               ///< why it is ambiguous
+  std::vector<TargetFrame> targets;                 ///< in the measurements' order; orientation only if measured
+  std::vector<Eigen::Isometry3d> other_bases = {};  ///< X_WB at the second station and those after it
+  double rms = 0.0;                                 ///< [m] 3D distance between measured and predicted points
+  int open = 0;                                     ///< undetermined directions of base and targets
+  bool ambiguous = false;                           ///< another base pose fits about as well
+  std::string message;                              ///< why it is ambiguous
+
+  const Eigen::Isometry3d& base(std::size_t station) const { return station == 0 ? X_WB : other_bases.at(station - 1); }
 };
 
 /// Base and targets that minimise the weighted sum of squared 3D distances between the measured points and
@@ -35,7 +40,7 @@ struct Registration {
 /// a quadratic form in the nine elements of A, exact and independent of the number of observations, which is minimised
 /// over the rotations from 25 starts (a rotation search as in Olsson et al. 2009, without its bounds). Measured
 /// orientations add the terms A Z - R_BF R_FT with R_FT unconstrained, an approximation whose result lies within noise
-/// of the optimum.
+/// of the optimum. With several stations see station_registration.hpp.
 Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                        const RegistrationOptions& options = {});
 

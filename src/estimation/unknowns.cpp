@@ -91,11 +91,11 @@ std::vector<Unknown> listed(UnknownGroup group, const ErrorModel& model, const s
   std::vector<Unknown> result;
   const auto add_frame = [&](const std::vector<std::string>& names, std::size_t first) {
     for (std::size_t i = 0; i < names.size(); ++i) {
-      result.push_back({.group = group, .index = first + i, .name = names[i], .length = i < 3});
+      result.push_back({.group = group, .index = first + i, .name = names[i], .length = i % 6 < 3});
     }
   };
   if (group == UnknownGroup::base) {
-    add_frame(base_parameter_names(), 0);
+    add_frame(base_parameter_names(model), 0);
     return result;
   }
   for (std::size_t k = 0; k < targets.size(); ++k) {
@@ -157,13 +157,14 @@ void Unknowns::arrange(std::vector<Unknown> unknowns) {
   unknowns.erase(end, unknowns.end());
   columns_ = std::move(unknowns);
   indices_ = {};
-  base_columns_ = kNotFree;
+  base_columns_.clear();
   target_columns_.assign(targets_.size(), kNotFree);
   for (std::size_t column = 0; column < columns_.size(); ++column) {
     const auto& [group, index] = place(columns_[column]);
     indices_[number_of(group)].push_back(index);
     if (group == UnknownGroup::base) {
-      base_columns_[index] = static_cast<int>(column);
+      base_columns_.resize(std::max(base_columns_.size(), index / 6 + 1), kNotFree);
+      base_columns_[index / 6][index % 6] = static_cast<int>(column);
     } else if (group == UnknownGroup::targets) {
       target_columns_[index / 6][index % 6] = static_cast<int>(column);
     }
@@ -216,6 +217,24 @@ Unknowns Unknowns::subset(const std::vector<bool>& marked) const {
   return result;
 }
 
+std::vector<bool> Unknowns::at_station(std::size_t station) const {
+  std::vector<bool> marked;
+  for (const Unknown& unknown : columns_) {
+    marked.push_back(unknown.group != UnknownGroup::base || unknown.index / 6 == station);
+  }
+  return marked;
+}
+
+Unknowns Unknowns::of_station(std::size_t station) const {
+  std::vector<Unknown> own = subset(at_station(station)).columns_;
+  for (Unknown& unknown : own) {
+    unknown.index -= unknown.group == UnknownGroup::base ? 6 * station : 0;
+  }
+  Unknowns result = *this;
+  result.arrange(std::move(own));
+  return result;
+}
+
 std::vector<std::string> Unknowns::names() const {
   std::vector<std::string> names;
   for (const Unknown& unknown : columns_) {
@@ -237,6 +256,10 @@ std::optional<Index> Unknowns::column(UnknownGroup group, std::size_t index) con
     return std::nullopt;
   }
   return range(group).first + (found - own.begin());
+}
+
+const std::array<int, 6>& Unknowns::base_columns(std::size_t station) const {
+  return station < base_columns_.size() ? base_columns_[station] : kNotFree;
 }
 
 const std::array<int, 6>& Unknowns::target_columns(std::size_t k) const {
@@ -272,9 +295,12 @@ Estimate Unknowns::moved(const Estimate& estimate, const VectorXd& step) const {
 void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& result) const {
   require_count("values of a step", step.size(), size());
   result = estimate;
-  const Vector6d base = motion_of(step, base_columns_);
-  result.X_WB.translation() += result.X_WB.linear() * base.head<3>();
-  result.X_WB.linear() = result.X_WB.linear() * rotation_exp(base.tail<3>());
+  for (std::size_t station = 0; station <= result.other_bases.size(); ++station) {
+    const Vector6d motion = motion_of(step, base_columns(station));
+    Isometry3d& X_WB = station == 0 ? result.X_WB : result.other_bases[station - 1];
+    X_WB.translation() += X_WB.linear() * motion.head<3>();
+    X_WB.linear() = X_WB.linear() * rotation_exp(motion.tail<3>());
+  }
   for (const Values& group : kValues) {
     VectorXd& values = result.*group.values;
     if (!of(group.group).empty() && values.size() == 0) {
@@ -297,10 +323,15 @@ void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& re
 VectorXd Unknowns::difference(const Estimate& from, const Estimate& to) const {
   require_count("targets of an estimate", to.targets.size(), from.targets.size());
   VectorXd step = VectorXd::Zero(size());
+  require_count("bases of an estimate", to.other_bases.size(), from.other_bases.size());
   Vector6d motion;
-  motion << from.X_WB.linear().transpose() * (to.X_WB.translation() - from.X_WB.translation()),
-      rotation_log(from.X_WB.linear().transpose() * to.X_WB.linear());
-  take_motion(motion, base_columns_, step);
+  for (std::size_t station = 0; station <= from.other_bases.size(); ++station) {
+    const Isometry3d& first = from.base(station);
+    const Isometry3d& second = to.base(station);
+    motion << first.linear().transpose() * (second.translation() - first.translation()),
+        rotation_log(first.linear().transpose() * second.linear());
+    take_motion(motion, base_columns(station), step);
+  }
   for (const Values& group : kValues) {
     Index column = range(group.group).first;
     for (const std::size_t index : of(group.group)) {

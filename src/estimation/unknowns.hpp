@@ -19,7 +19,10 @@ struct Estimate {
   Eigen::VectorXd errors;
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   std::vector<TargetFrame> targets;
-  Eigen::VectorXd effects;  ///< one per effect of the model; empty: none
+  Eigen::VectorXd effects;                          ///< one per effect of the model; empty: none
+  std::vector<Eigen::Isometry3d> other_bases = {};  ///< X_WB at the second station of the model and those after it
+
+  const Eigen::Isometry3d& base(std::size_t station) const { return station == 0 ? X_WB : other_bases.at(station - 1); }
 };
 
 /// Kinds of unknowns, in the order of their columns.
@@ -31,7 +34,8 @@ enum class UnknownGroup : std::uint8_t {
 };
 constexpr std::size_t kUnknownGroups = 4;
 
-/// One unknown. `index`: 0 to 5 for the base, into the model's list, or 6 k + coordinate for target k.
+/// One unknown. `index`: 6 s + (0 to 5) for the base at station s, into the model's list, or 6 k + coordinate for
+/// target k.
 struct Unknown {
   UnknownGroup group = UnknownGroup::base;
   std::size_t index = 0;
@@ -66,6 +70,10 @@ public:
   Unknowns without(UnknownGroup group) const;
   /// The unknowns whose columns are marked, one mark per column.
   Unknowns subset(const std::vector<bool>& marked) const;
+  /// Marks of the columns that move the points of one station: all but the other stations' bases.
+  std::vector<bool> at_station(std::size_t station) const;
+  /// The unknowns with these columns, as if that station were the only one.
+  Unknowns of_station(std::size_t station) const;
 
   Eigen::Index size() const { return static_cast<Eigen::Index>(columns_.size()); }
   /// The unknowns in the order of their columns.
@@ -75,6 +83,8 @@ public:
   /// The column of an unknown; empty if it is not free.
   std::optional<Eigen::Index> column(const std::string& name) const;
   std::optional<Eigen::Index> column(UnknownGroup group, std::size_t index) const;
+  /// Columns of the base at a station, -1 if not free.
+  const std::array<int, 6>& base_columns(std::size_t station) const;
   /// Columns of target k, -1 if not free.
   const std::array<int, 6>& target_columns(std::size_t k) const;
 
@@ -115,7 +125,7 @@ private:
   std::array<Eigen::Index, kUnknownGroups> listed_ = {};  // number of each group's unknowns, free or not
   std::vector<Unknown> columns_;
   std::array<std::vector<std::size_t>, kUnknownGroups> indices_;
-  std::array<int, 6> base_columns_ = {-1, -1, -1, -1, -1, -1};
+  std::vector<std::array<int, 6>> base_columns_;  // of each station
   std::vector<std::array<int, 6>> target_columns_;
 };
 

@@ -69,8 +69,35 @@ Eigen::Isometry3d CalibratedArm::flange_pose(const Eigen::Ref<const Eigen::Vecto
   return parts_->kinematics.flange_pose(q, jacobian);
 }
 
+namespace {
+
+// The index of the named station; none if the model has one station or no name is given.
+std::optional<std::size_t> station_named(const ErrorModel& model, const std::string& name) {
+  if (name.empty()) {
+    return std::nullopt;
+  }
+  const auto found = std::find(model.stations.begin(), model.stations.end(), name);
+  if (found == model.stations.end()) {
+    refuse_input("station " + shown(name) + " was not measured", model.stations.empty()
+                                                                     ? "none, as all was measured from one place"
+                                                                     : "one of " + comma_separated(model.stations));
+  }
+  return static_cast<std::size_t>(found - model.stations.begin());
+}
+
+std::optional<std::size_t> measuring_station(const ErrorModel& model, const std::string& name) {
+  if (!model.stations.empty() && name.empty()) {
+    refuse_input("the measuring frame without its station", "one of " + comma_separated(model.stations));
+  }
+  return station_named(model, name);
+}
+
+}  // namespace
+
+std::vector<std::string> CalibratedArm::stations() const { return parts_->basis->model.stations; }
+
 PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
-                                      PredictionFrame frame) const {
+                                      PredictionFrame frame, const std::string& station) const {
   const PredictionBasis& basis = *parts_->basis;
   require_joint_values(q, basis.model.joints);
   const std::vector<std::string> names = targets();
@@ -82,7 +109,10 @@ PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q
     refuse_input("the result lacks what the uncertainty of a prediction needs",
                  "one of version 0.2 or later with at most 300 parameters");
   }
-  const PointWithCovariance point = parts_->predictor.points(q, {})[static_cast<std::size_t>(place - names.begin())];
+  const std::optional<std::size_t> from = frame == PredictionFrame::measuring ? measuring_station(basis.model, station)
+                                                                              : station_named(basis.model, station);
+  const PointWithCovariance point =
+      parts_->predictor.points(q, {}, from)[static_cast<std::size_t>(place - names.begin())];
   PredictedPoint result{.position = point.position_W,
                         .covariance = point.covariance,
                         .radius_95 = point.new_point.radius_95,
@@ -91,13 +121,16 @@ PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q
   if (frame == PredictionFrame::base) {
     result.position = point.position;
     if (point.covariance.allFinite()) {
-      const Eigen::Matrix3d R_BW = basis.estimate.X_WB.linear().transpose();
+      const Eigen::Matrix3d R_BW = basis.estimate.base(from.value_or(0)).linear().transpose();
       result.covariance = R_BW * point.covariance * R_BW.transpose();
     }
   }
   return result;
 }
 
-Eigen::Isometry3d CalibratedArm::base() const { return parts_->basis->estimate.X_WB; }
+Eigen::Isometry3d CalibratedArm::base(const std::string& station) const {
+  const PredictionBasis& basis = *parts_->basis;
+  return basis.estimate.base(measuring_station(basis.model, station).value_or(0));
+}
 
 }  // namespace kdl_calibration

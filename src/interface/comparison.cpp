@@ -85,6 +85,7 @@ struct JoinedModel {
     if (!model.effects.empty() && !more.empty() && model.gravity != after.model.gravity) {
       refuse_input("the calibrations have different directions of gravity", "the same in the base frame");
     }
+    model.stations.clear();
     model.gravity = more.empty() ? model.gravity : after.model.gravity;
     model.effects.insert(model.effects.end(), more.begin(), more.end());
     std::set<std::size_t> all;
@@ -190,6 +191,9 @@ struct OpenDirections {
   std::vector<std::string> names;  // parameters that only the other one determines
 
   void add(const VectorXd& direction) {
+    if (direction.isZero(0.0)) {  // of a base alone
+      return;
+    }
     columns.conservativeResize(direction.size(), columns.cols() + 1);
     columns.rightCols<1>() = direction;
   }

@@ -5,19 +5,26 @@
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "interface/calibration_parts.hpp"
+#include "model/parameters.hpp"
 #include "validation/registered_errors.hpp"
 
 namespace kdl_calibration {
 namespace {
 
-PositionErrors errors_of(const ErrorModel& model, const Estimate& geometry, const Measurements& measurements,
+PositionErrors errors_of(const ErrorModel& arm, const Estimate& geometry, const Measurements& measurements,
                          const KnownFrames& known) {
+  const ErrorModel model = at_stations_of(measurements, arm);
   check(measurements, model);
-  const RegistrationOptions frames{.known_base = known.base, .known_targets = known.targets};
+  const RegistrationOptions frames{
+      .known_base = known.base, .known_targets = known.targets, .known_stations = known.stations};
   check(frames, measurements);
   RegisteredErrors errors =
       registered_errors(flange_poses(model, geometry, measurements.joint_values, measurements.signals), measurements,
                         rows_to_register(measurements), frames);
+  std::vector<StationBase> stations;
+  for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
+    stations.push_back({.station = measurements.stations[s], .X_WB = errors.registration.base(s)});
+  }
   return {.all = errors.all,
           .train = errors.train,
           .test = errors.test,
@@ -27,6 +34,7 @@ PositionErrors errors_of(const ErrorModel& model, const Estimate& geometry, cons
           .iso_9283 = errors.iso,
           .X_WB = errors.registration.X_WB,
           .targets = std::move(errors.registration.targets),
+          .stations = std::move(stations),
           .ambiguity = std::move(errors.registration.message)};
 }
 

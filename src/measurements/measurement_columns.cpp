@@ -31,6 +31,7 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
                                       {"y", &y, length, true},
                                       {"z", &z, length, true},
                                       {"split", &header.split},
+                                      {"station", &header.station},
                                       {"repeat", &header.repeat},
                                       {"order", &header.order},
                                       {"sigma", &header.sigma, length}};
@@ -325,7 +326,7 @@ std::string expected_columns(const ExpectedJoints& joints) {
     required = "x, y, z and " + orientation;
     optional = own + ", configuration, target, ";
   }
-  return "expected " + required + ", optionally " + optional + "split, repeat, order, sigma, " +
+  return "expected " + required + ", optionally " + optional + "split, repeat, order, sigma, station, " +
          std::string(kTorquePrefix) + "<joint>" + (joints.content == FileContent::poses ? "" : ", " + orientation) +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }

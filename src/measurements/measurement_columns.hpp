@@ -56,7 +56,7 @@ struct Header {
   std::size_t line = 0;
   std::vector<std::string> names;  ///< as in the file, with units, without trailing empty ones; for messages
   std::size_t fields = 0;          ///< number of fields, trailing empty ones included
-  Column configuration, split, repeat, target, sigma, order;
+  Column configuration, split, repeat, target, sigma, order, station;
   std::array<Column, 3> position;
   /// Index of the file's orientation form in kOrientationForms; their number if it has none.
   std::size_t orientation = kOrientationForms.size();

@@ -69,6 +69,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
   kept.remark = measurements.remark;
   kept.joints = measurements.joints;
   kept.targets = measurements.targets;
+  kept.stations = measurements.stations;
   kept.joint_units = measurements.joint_units;
   std::vector<std::int32_t> numbers(measurements.configurations.size(), -1);
   for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
@@ -162,6 +163,9 @@ Measurements joined(const Measurements& first, const Measurements& second) {
   const bool same_joints = first.joints.empty() || second.joints.empty() || first.joints == second.joints;
   if (!same_joints || first.targets != second.targets) {
     refuse_input("the second measurements have other joints or targets", "those of the first");
+  }
+  if (first.stations != second.stations) {
+    refuse_input("the second measurements have other stations", "those of the first");
   }
   Measurements result = first;
   const auto offset = static_cast<std::int32_t>(first.joint_values.cols());

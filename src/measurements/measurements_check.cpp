@@ -10,6 +10,7 @@
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/stations.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -45,11 +46,27 @@ void require_sound(const Measurements& measurements, std::size_t row) {
   if (observation.target < 0 || observation.target >= targets) {
     refuse_row(fmt::format("target {} is not there, expected 0 to {}", observation.target, targets - 1));
   }
+  const auto stations = static_cast<std::ptrdiff_t>(std::max<std::size_t>(measurements.stations.size(), 1));
+  if (observation.station < 0 || observation.station >= stations) {
+    refuse_row(fmt::format("station {} is not there, expected 0 to {}", observation.station, stations - 1));
+  }
   if (!observation.position.allFinite()) {
     refuse_row("a coordinate is not finite");
   }
   if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
     refuse_row("sigma is negative or not finite, expected 0 where none is stated");
+  }
+}
+
+// Each configuration has rows of one station only.
+void require_one_station_each(const Measurements& measurements) {
+  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    const Observation& observation = measurements.observations[row];
+    if (observation.station != stations[static_cast<std::size_t>(observation.configuration)]) {
+      refuse(measurements,
+             fmt::format("observation {}: its configuration has rows of several stations, expected one", row));
+    }
   }
 }
 
@@ -87,6 +104,9 @@ void check(const Measurements& measurements) {
   }
   for (std::size_t row = 0; row < rows; ++row) {
     require_sound(measurements, row);
+  }
+  if (measurements.stations.size() > 1) {
+    require_one_station_each(measurements);
   }
   const auto wrong =
       std::find_if_not(measurements.orientations.begin(), measurements.orientations.end(), is_orientation);

@@ -13,6 +13,7 @@
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurements_check.hpp"
+#include "measurements/stations.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
@@ -48,6 +49,7 @@ struct UsedColumns {
   bool sigma = false;
   bool quaternion = false;
   bool order = false;
+  bool station = false;
   std::vector<Eigen::Index> torques;  ///< joints with a known torque
 };
 
@@ -55,6 +57,7 @@ UsedColumns used_columns(const Measurements& measurements) {
   UsedColumns used;
   used.quaternion = !measurements.orientations.empty();
   used.order = !measurements.order.empty();
+  used.station = !measurements.stations.empty();
   for (Eigen::Index j = 0; j < measurements.signals.torques.rows(); ++j) {
     if (has_torques(measurements.signals, j)) used.torques.push_back(j);
   }
@@ -70,6 +73,7 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
   std::string text = "configuration";
   if (used.split) text += ",split";
   if (used.repeat) text += ",repeat";
+  if (used.station) text += ",station";
   text += ",target";
   const std::vector<std::string> names = csv_labels(measurements.joints, "joint", measurements.source);
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -123,12 +127,14 @@ std::string measurements_csv(const Measurements& measurements) {
   std::string text = csv_header(measurements, used);
   const auto configurations = csv_labels(measurements.configurations, "configuration", measurements.source);
   const auto targets = csv_labels(measurements.targets, "target", measurements.source);
+  const auto stations = csv_labels(measurements.stations, "station", measurements.source);
   Cells cells(text);
   for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
     const Observation& o = measurements.observations[i];
     text += configurations[static_cast<std::size_t>(o.configuration)];
     if (used.split) text += o.split == Split::test ? ",test" : ",train";
     if (used.repeat) cells.add(o.repeat);
+    if (used.station) text += "," + stations[station_of(o)];
     text += "," + targets[static_cast<std::size_t>(o.target)];
     cells.add_each(measurements.joint_values.col(o.configuration));
     cells.add_each(o.position);

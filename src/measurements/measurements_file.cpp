@@ -29,6 +29,7 @@ namespace kdl_calibration {
 namespace {
 
 constexpr std::int32_t kMostTargets = 100;
+constexpr std::int32_t kMostStations = 100;
 constexpr double kSamePose = 1e-4;  // [rad] or [m] largest difference between rows of one configuration
 
 /// Gathers the rows of one file.
@@ -50,6 +51,7 @@ public:
     observation.configuration = configuration(row, observation.split);
     observation.target = present(header_.target) ? label(targets_, row, header_.target) : only_target();
     if (targets_.size() > kMostTargets) row.fail_row("one target more than the limit of 100");
+    if (present(header_.station)) take_station(row, observation);
     observation.repeat = row.repeat();
     for (std::size_t i = 0; i < 3; ++i) {
       const Column& column = header_.position[i];
@@ -85,6 +87,7 @@ public:
     if (joints.convention == nullptr) result.joint_units = joint_units(joints);
     result.configurations = configurations_.take_labels();
     result.targets = targets_.take_labels();
+    result.stations = stations_.take_labels();
     result.observations = std::move(observations_);
     drop_unused_orientations(orientations_);
     result.orientations = std::move(orientations_);
@@ -168,6 +171,16 @@ private:
                                       lines_[first_row], rule, shown(row.text(header_.configuration))));
   }
 
+  void take_station(const Row& row, Observation& observation) {
+    const std::int32_t station = label(stations_, row, header_.station);
+    if (stations_.size() > kMostStations) row.fail_row("one station more than the limit of 100");
+    observation.station = static_cast<std::int16_t>(station);
+    const std::size_t first_row = first_rows_[static_cast<std::size_t>(observation.configuration)];
+    if (first_row < observations_.size() && observations_[first_row].station != observation.station) {
+      fail_inconsistent(row, header_.station, "station", first_row);
+    }
+  }
+
   /// Replaces joint values that scatter between rows by their means.
   void take_means_of_scattered_values() {
     std::vector<double> rows(first_rows_.size(), 0.0);
@@ -222,6 +235,7 @@ private:
   std::vector<Column> joint_columns_;  ///< expected columns, then those of followers in the file
   LabelTable configurations_;
   LabelTable targets_;
+  LabelTable stations_;
   std::vector<double> joint_values_;     ///< of the file's columns in SI, configuration by configuration
   std::vector<std::size_t> first_rows_;  ///< first row of each configuration
   std::vector<double> joint_row_;

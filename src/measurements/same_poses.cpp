@@ -11,6 +11,7 @@
 #include "base/text.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurements_check.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
@@ -63,6 +64,7 @@ VectorXd mean_torques(const MatrixXd& torques, const std::vector<Index>& members
 std::vector<std::vector<Index>> members_of_poses(const Measurements& measurements) {
   const std::vector<bool> trained = trained_configurations(measurements);
   const std::vector<Index> first = first_at_same_pose(measurements.joint_values);
+  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
   std::vector<std::vector<Index>> poses;
   std::map<Index, std::vector<std::size_t>> at;  // by the first configuration of the pose
   for (std::size_t c = 0; c < first.size(); ++c) {
@@ -71,6 +73,7 @@ std::vector<std::vector<Index>> members_of_poses(const Measurements& measurement
     const auto same = std::find_if(candidates.begin(), candidates.end(), [&](std::size_t pose) {
       const Index other = poses[pose].front();
       return trained[c] == trained[static_cast<std::size_t>(other)] &&
+             stations[c] == stations[static_cast<std::size_t>(other)] &&
              are_driven_alike(measurements.signals, own, other);
     });
     if (same == candidates.end()) {

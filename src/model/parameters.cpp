@@ -42,8 +42,39 @@ const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const st
   return found == targets.end() ? nullptr : &*found;
 }
 
+const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const std::string& station) {
+  const auto found =
+      std::find_if(bases.begin(), bases.end(), [&](const StationBase& base) { return base.station == station; });
+  return found == bases.end() ? nullptr : &found->X_WB;
+}
+
+ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
+  model.stations = measurements.stations.size() > 1 ? measurements.stations : std::vector<std::string>();
+  return model;
+}
+
 const std::vector<std::string>& base_parameter_names() {
   static const std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
+  return names;
+}
+
+std::vector<std::string> base_parameter_names(const ErrorModel& model) {
+  if (model.stations.size() < 2) {
+    return base_parameter_names();
+  }
+  std::vector<std::string> names;
+  for (const std::string& station : model.stations) {
+    for (const std::string& name : base_parameter_names()) {
+      names.push_back("base[" + station + "]" + name.substr(name.find('.')));
+    }
+  }
+  return names;
+}
+
+bool is_of_station(const std::string& name) { return name.rfind("base[", 0) == 0; }
+
+std::vector<std::string> without_stations(std::vector<std::string> names) {
+  std::erase_if(names, is_of_station);
   return names;
 }
 
@@ -55,8 +86,8 @@ std::vector<std::string> target_parameter_names(const TargetFrame& target) {
   return names;
 }
 
-std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets) {
-  std::vector<std::string> names = base_parameter_names();
+std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets,
+                                               std::vector<std::string> names) {
   for (const TargetFrame& target : targets) {
     const std::vector<std::string> own = target_parameter_names(target);
     names.insert(names.end(), own.begin(), own.end());

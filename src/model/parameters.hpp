@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {
 
@@ -27,11 +28,24 @@ std::size_t parameter_index(const ErrorModel& model, const std::string& name);
 /// The target with this name; a null pointer if there is none.
 const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const std::string& name);
 
+/// The pose of the base at this station; a null pointer if there is none.
+const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const std::string& station);
+
+/// The model with the stations of these measurements, if they are several.
+ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model);
+
 /// Names "base.Tx" … "base.Rz".
 const std::vector<std::string>& base_parameter_names();
+/// The same of each station, "base[A].Tx", if the model has several.
+std::vector<std::string> base_parameter_names(const ErrorModel& model);
+/// Whether the name is one of these.
+bool is_of_station(const std::string& name);
+/// The other names.
+std::vector<std::string> without_stations(std::vector<std::string> names);
 /// Names "A.x", "A.y", "A.z", and "A.Rx" … where the orientation is measured.
 std::vector<std::string> target_parameter_names(const TargetFrame& target);
-/// Names of the base, then of all targets.
-std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets);
+/// Names of the base (or bases), then of all targets.
+std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets,
+                                               std::vector<std::string> bases = base_parameter_names());
 
 }  // namespace kdl_calibration

@@ -5,6 +5,7 @@
 
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/stations.hpp"
 
 namespace kdl_calibration {
 
@@ -86,8 +87,9 @@ void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, c
   const PositionPredictor predictor(model, estimate, free);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements_);
   for (const auto& [c, cells] : configurations_) {
-    const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_, c);
-    const Eigen::Isometry3d X_WF = estimate.X_WB * X_BF[static_cast<std::size_t>(c)];
+    const std::size_t station = station_of(measurements_.observations[cells.front().rows.front()]);
+    const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_, c, station);
+    const Eigen::Isometry3d X_WF = estimate.base(station) * X_BF[static_cast<std::size_t>(c)];
     Means means;
     for (const MeasuredCell& cell : cells) {
       const auto k = static_cast<std::size_t>(cell.target);

@@ -11,6 +11,7 @@
 #include "estimation/registration.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "planning/point_rows.hpp"
@@ -51,7 +52,12 @@ NoiseModel noise_model(const PointNoise& noise) {
 
 Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetFrame>& targets, const PointNoise& noise,
                               const Priors& priors, const std::vector<std::string>& fixed) {
-  Experiment experiment{.model = model, .errors = {}, .targets = targets, .free = {}, .noise = noise, .priors = priors};
+  Experiment experiment{.model = at_stations_of({}, model),
+                        .errors = {},
+                        .targets = targets,
+                        .free = {},
+                        .noise = noise,
+                        .priors = priors};
   if (targets.empty()) {
     throw InputError("no targets to measure, expected at least one");
   }
@@ -90,6 +96,7 @@ MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values)
 
 MatrixXd information(const Experiment& experiment, const Measurements& measurements) {
   check(measurements, experiment.model);
+  require_one_station(measurements, "a plan");
   Measurements matched = measurements;
   matched.orientations.clear();
   std::vector<std::int32_t> target_of;

@@ -76,6 +76,24 @@ VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB) {
   return robot;
 }
 
+VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random) {
+  constexpr double kDistance = 2.0;  // [m] 1 sigma of a coordinate
+  require_at_least("stations", stations, 2);
+  robot.model.stations = {"S1"};
+  robot.truth.other_bases.clear();
+  for (int station = 2; station <= stations; ++station) {
+    robot.model.stations.push_back("S" + std::to_string(station));
+    Eigen::Isometry3d& X_WB = robot.truth.other_bases.emplace_back(Eigen::Isometry3d::Identity());
+    Eigen::Vector3d turn;
+    for (int axis = 0; axis < 3; ++axis) {
+      X_WB.translation()[axis] = kDistance * random.normal();
+      turn[axis] = random.normal();
+    }
+    X_WB.linear() = rotation_exp(turn);
+  }
+  return robot;
+}
+
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
                  double sigma, Random& random) {
   add_effects(robot, groups, DrivenConfigurations{.joint_values = joint_values, .signals = {}}, sigma, random);
@@ -183,6 +201,8 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
   }
   result.joint_values = joint_values;
   result.signals = driven.signals;
+  result.stations = robot.model.stations;
+  const auto stations = static_cast<Eigen::Index>(1 + robot.truth.other_bases.size());
   bool poses = false;
   for (const TargetFrame& target : robot.truth.targets) {
     result.targets.push_back(target.name);
@@ -194,10 +214,12 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
                               result.targets.size());
   for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
     result.configurations.push_back(std::to_string(c + 1));
+    const Eigen::Index station = c * stations / joint_values.cols();
     const Eigen::Isometry3d X_WF =
-        robot.truth.X_WB * flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects,
-                                                                     joint_values.col(c), column(driven.signals, c))
-                                                  .col(0));
+        robot.truth.base(static_cast<std::size_t>(station)) *
+        flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects, joint_values.col(c),
+                                                  column(driven.signals, c))
+                               .col(0));
     for (int repeat = 1; repeat <= noise.repeats; ++repeat) {
       const Eigen::Vector3d drift = noise.common.isZero(0.0)
                                         ? Eigen::Vector3d(Eigen::Vector3d::Zero())
@@ -211,7 +233,8 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
                                        .configuration = static_cast<std::int32_t>(c),
                                        .target = static_cast<std::int32_t>(k),
                                        .repeat = repeat,
-                                       .split = split});
+                                       .split = split,
+                                       .station = static_cast<std::int16_t>(station)});
         if (poses) {
           const Eigen::Vector3d turn = noise.orientation_sigma * normal_vector(random);
           result.orientations.emplace_back(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)));

@@ -46,6 +46,10 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
 /// The same robot with its displacement applied to X_WB.
 VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
 
+/// The same robot measured from several stations "S1", "S2" and so on: the first as before, the others anywhere
+/// within a few metres. measure() divides the configurations among them, in their order.
+VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random);
+
 /// Gives the robot every term of these groups that `joint_values` (joints x N) can tell apart, with normally
 /// distributed coefficients of 1 sigma `sigma` [rad or m].
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,

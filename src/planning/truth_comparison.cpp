@@ -1,5 +1,6 @@
 #include "planning/truth_comparison.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -108,6 +109,28 @@ ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, cons
   result.estimate.effects = among(all, 0, estimate.effects);
   result.truth.effects = among(all, own, truth.truth.effects);
   return result;
+}
+
+ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_values) {
+  Estimate& estimate = arms.estimate;
+  if (!estimate.other_bases.empty()) {
+    const auto points = [&](const Estimate& arm) {
+      Eigen::Matrix3Xd result(3, 0);
+      for (const Eigen::Isometry3d& X_BF : flange_poses(arms.model, arm, joint_values)) {
+        for (const TargetFrame& target : arm.targets) {
+          result.conservativeResize(3, result.cols() + 1);
+          result.rightCols<1>() = arm.X_WB * X_BF * target.X_FT.translation();
+        }
+      }
+      return result;
+    };
+    const Eigen::Matrix4d move = Eigen::umeyama(points(estimate), points(with_targets_of(estimate, arms.truth)), false);
+    estimate.X_WB = Eigen::Isometry3d(move) * estimate.X_WB;
+  }
+  arms.model.stations.clear();
+  estimate.other_bases.clear();
+  arms.truth.other_bases.clear();
+  return arms;
 }
 
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,

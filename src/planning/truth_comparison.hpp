@@ -44,6 +44,10 @@ struct ArmAndTruth {
 };
 ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth);
 
+/// As if there were one station, the truth's first. If the estimate has several, which may leave rotations open, its
+/// base is placed where its targets at `joint_values` (joints x N) are nearest to the true ones.
+ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_values);
+
 /// Distances [m] between predicted and true target positions in W, target by target in each configuration.
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                          const Eigen::MatrixXd& joint_values);

@@ -16,6 +16,7 @@
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/error_chains.hpp"
 #include "robot/link_shapes.hpp"
@@ -111,6 +112,12 @@ std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& esti
   return result;
 }
 
+// From W of the observation's station to W of the first, in which the page shows all points.
+Eigen::Isometry3d to_first_station(const Estimate& estimate, const Observation& observation) {
+  return observation.station == 0 ? Eigen::Isometry3d::Identity()
+                                  : estimate.X_WB * estimate.base(station_of(observation)).inverse();
+}
+
 std::vector<double> norms(const std::vector<Vector3d>& vectors) {
   std::vector<double> result(vectors.size());
   std::transform(vectors.begin(), vectors.end(), result.begin(), [](const Vector3d& v) { return v.norm(); });
@@ -185,7 +192,7 @@ void add_reach(const Measurements& measurements, const Estimate& estimate, const
   Eigen::VectorXd lower = Eigen::VectorXd::Constant(joint_values.rows(), kInfinity);
   Eigen::VectorXd upper = -lower;
   for (const Observation& observation : spanned.observations) {
-    box.extend(X_BW * observation.position);
+    box.extend(X_BW * (to_first_station(estimate, observation) * observation.position));
     lower = lower.cwiseMin(joint_values.col(observation.configuration));
     upper = upper.cwiseMax(joint_values.col(observation.configuration));
   }
@@ -258,18 +265,22 @@ Json measurements_block(const ReportedMeasurements& reported) {
             numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q, signals));
       }
     }
+    const Eigen::Isometry3d to_first = to_first_station(reported.estimate, observation);
     points.push_back({{"row", row},
                       {"configuration", number[c]},
                       {"target", observation.target},
                       {"repeat", observation.repeat},
                       {"test", observation.split == Split::test},
-                      {"measured", array(observation.position)},
-                      {"residual", array(after[row])}});
+                      {"measured", array(to_first * observation.position)},
+                      {"residual", array(to_first.linear() * after[row])}});
+    if (measurements.stations.size() > 1) {
+      points.back()["station"] = measurements.stations[station_of(observation)];
+    }
     if (!measurements.order.empty()) {
       points.back()["order"] = measurements.order[row];
     }
     if (!before.empty()) {
-      points.back()["before"] = array(before[row]);
+      points.back()["before"] = array(to_first.linear() * before[row]);
     }
   }
   Json result = {{"targets", measurements.targets},

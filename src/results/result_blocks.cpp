@@ -11,6 +11,7 @@
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/stations.hpp"
 #include "results/calibrated_urdf.hpp"
 
 namespace kdl_calibration {
@@ -139,13 +140,15 @@ std::string residuals_csv(const Measurements& measurements, const CalibrationRes
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
-  std::string csv = "configuration,repeat,target,split,dx[m],dy[m],dz[m],distance[m]\n";
+  const bool several = measurements.stations.size() > 1;
+  std::string csv = "configuration,repeat,target,split,";
+  csv += several ? "station,dx[m],dy[m],dz[m],distance[m]\n" : "dx[m],dy[m],dz[m],distance[m]\n";
   for (std::size_t i = 0; i < all.size(); ++i) {
     const Observation& observation = measurements.observations[i];
     csv += csv_field(measurements.configurations[static_cast<std::size_t>(observation.configuration)]) + "," +
            std::to_string(observation.repeat) + "," +
            csv_field(measurements.targets[static_cast<std::size_t>(observation.target)]) + "," +
-           split_name(observation);
+           split_name(observation) + (several ? "," + csv_field(measurements.stations[station_of(observation)]) : "");
     for (const double value : {all[i].x(), all[i].y(), all[i].z(), all[i].norm()}) {
       csv += "," + csv_number(value);
     }

@@ -358,13 +358,24 @@ Json targets_json(const CalibrationResult& calibration) {
   return targets;
 }
 
-Json base_json(const CalibrationResult& calibration) {
-  const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.X_WB;
+Json base_json(const CalibrationResult& calibration, std::size_t station) {
+  const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.base(station);
+  const std::vector<std::string> names = base_parameter_names(calibration.model);
   Json std = Json::array();
-  for (const std::string& name : base_parameter_names()) {
-    std.push_back(finite_or_null(std_of(calibration.uncertainty.parameters, name)));
+  for (std::size_t i = 6 * station; i < 6 * station + 6; ++i) {
+    std.push_back(finite_or_null(std_of(calibration.uncertainty.parameters, names[i])));
   }
   return {{"position", array(X_WB.translation())}, {"quaternion_wxyz", quaternion(X_WB.linear())}, {"std", std}};
+}
+
+Json stations_json(const CalibrationResult& calibration) {
+  Json stations = Json::array();
+  for (std::size_t station = 0; station < calibration.model.stations.size(); ++station) {
+    Json entry = {{"name", calibration.model.stations[station]}};
+    entry.update(base_json(calibration, station));
+    stations.push_back(entry);
+  }
+  return stations;
 }
 
 Json position_error_json(const Accuracy& accuracy) {
@@ -423,7 +434,10 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["parameters"] = parameters_json(calibration.uncertainty.parameters);
   result["effects"] = effects_json(calibration, measurements);
   result["model"] = reduction_json(calibration.fit.reduction);
-  result["base"] = base_json(calibration);
+  result["base"] = base_json(calibration, 0);
+  if (!calibration.model.stations.empty()) {
+    result["stations"] = stations_json(calibration);
+  }
   result["targets"] = targets_json(calibration);
   result["position_error"] = position_error_json(calibration.accuracy);
   if (const auto& convention = options.diagnosis.convention) {

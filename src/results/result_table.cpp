@@ -302,18 +302,26 @@ std::string row_of(const std::string& label, const Eigen::Vector3d& position) {
   return padded("  " + label, 26) + cell(p.x(), 12) + cell(p.y(), 12) + cell(p.z(), 12) + "\n";
 }
 
-void add_frames(const Estimate& estimate, std::string& text) {
-  const std::string axes = "           x           y           z\n";
-  text += "\nbase, as measured [mm]    " + axes + row_of("origin", estimate.X_WB.translation());
+void add_base(const std::string& name, const Eigen::Isometry3d& X_WB, std::string& text) {
+  text += row_of(name, X_WB.translation());
   double roll = 0.0;
   double pitch = 0.0;
   double yaw = 0.0;
-  to_kdl(estimate.X_WB).M.GetRPY(roll, pitch, yaw);
+  to_kdl(X_WB).M.GetRPY(roll, pitch, yaw);
   text += "  roll, pitch, yaw [deg]  ";
   for (const double angle : {roll, pitch, yaw}) {
     text += cell(angle * kDegrees.per_si, 12, kDegrees.decimals);
   }
-  text += "\n\ntargets on the flange [mm]" + axes;
+  text += "\n";
+}
+
+void add_frames(const ErrorModel& model, const Estimate& estimate, std::string& text) {
+  const std::string axes = "           x           y           z\n";
+  text += "\nbase, as measured [mm]    " + axes;
+  for (std::size_t station = 0; station <= estimate.other_bases.size(); ++station) {
+    add_base(model.stations.empty() ? "origin" : "from " + model.stations[station], estimate.base(station), text);
+  }
+  text += "\ntargets on the flange [mm]" + axes;
   for (const TargetFrame& target : estimate.targets) {
     text += row_of(target.name, target.X_FT.translation());
   }
@@ -426,7 +434,7 @@ std::string result_table(const Measurements& measurements, const CalibrationResu
     add_parameters(calibration, options.fixed, text);
     add_effects(calibration, measurements, text);
     add_most_influential(measurements, calibration.uncertainty.influence, text);
-    add_frames(calibration.fit.identification.estimate, text);
+    add_frames(calibration.model, calibration.fit.identification.estimate, text);
   }
   if (!options.written.empty()) {
     text += "\n" + wrapped("Written: " + comma_separated(options.written), 0, 9);

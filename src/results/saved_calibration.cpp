@@ -376,6 +376,31 @@ Accuracy accuracy_of(const Node& top) {
   return result;
 }
 
+Eigen::Isometry3d pose_of(const Node& node) {
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.translation() = tree::numbers<3>(member(node, "position"));
+  pose.linear() = tree::quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
+  return pose;
+}
+
+// Of several stations; "base" is that of the first.
+void read_stations(const Node& top, SavedCalibration& saved) {
+  if (!has(top, "stations")) {
+    return;
+  }
+  const Node block = member(top, "stations");
+  for (const Node& node : elements(block)) {
+    saved.model.stations.push_back(tree::name(member(node, "name")));
+    if (saved.model.stations.size() > 1) {
+      saved.estimate.other_bases.push_back(pose_of(node));
+    }
+  }
+  const std::set<std::string> names(saved.model.stations.begin(), saved.model.stations.end());
+  if (names.size() < 2 || names.size() != saved.model.stations.size()) {
+    fail(block, "two stations or more, with names that differ");
+  }
+}
+
 }  // namespace
 
 SavedCalibration parse_calibration(std::string_view json, const Robot& robot, const std::string& source) {
@@ -384,11 +409,10 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   require_same_robot(top, robot);
   SavedCalibration saved;
   saved.model = complete_model(robot);
+  read_stations(top, saved);
   const std::vector<double> effects_freedom = read_parameters(top, saved);
   if (has(top, "base")) {
-    const Node base = member(top, "base");
-    saved.estimate.X_WB.translation() = tree::numbers<3>(member(base, "position"));
-    saved.estimate.X_WB.linear() = tree::quaternion(member(base, "quaternion_wxyz")).toRotationMatrix();
+    saved.estimate.X_WB = pose_of(member(top, "base"));
   }
   if (has(top, "targets")) {
     saved.estimate.targets = targets_of(top);

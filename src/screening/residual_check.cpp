@@ -13,6 +13,7 @@
 #include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
 #include "estimation/input_check.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "screening/change_points.hpp"
 #include "screening/data_quality.hpp"
@@ -45,7 +46,8 @@ struct ResidualTable {
 
 double fitted_parameters(const Estimate& estimate) {
   return static_cast<double>((estimate.errors.array() != 0.0).count() + (estimate.effects.array() != 0.0).count()) +
-         6.0 + 3.0 * static_cast<double>(estimate.targets.size());
+         6.0 * static_cast<double>(1 + estimate.other_bases.size()) +
+         3.0 * static_cast<double>(estimate.targets.size());
 }
 
 // Scatter of the rows of one split; the noise floor if it has none.
@@ -109,8 +111,9 @@ ResidualTable residual_table(const ErrorModel& model, const Measurements& measur
                              const QualityOptions& options) {
   ResidualTable table;
   table.X_WF = flange_poses(model, estimate, measurements);
-  for (Eigen::Isometry3d& pose : table.X_WF) {
-    pose = estimate.X_WB * pose;
+  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
+  for (std::size_t c = 0; c < table.X_WF.size(); ++c) {
+    table.X_WF[c] = estimate.base(static_cast<std::size_t>(stations[c])) * table.X_WF[c];
   }
   for (const TargetFrame& target : estimate.targets) {
     table.targets.emplace_back(target.X_FT.translation());

@@ -44,7 +44,7 @@ NoiseModel scaled(NoiseModel noise, double factor) {
 }
 
 Unknowns with_frames(const ErrorModel& model, const std::vector<TargetFrame>& targets, std::vector<std::string> names) {
-  const std::vector<std::string> frames = frame_parameter_names(targets);
+  const std::vector<std::string> frames = frame_parameter_names(targets, base_parameter_names(model));
   names.insert(names.end(), frames.begin(), frames.end());
   return {model, targets, names};
 }
@@ -55,6 +55,7 @@ Estimate registered(const ErrorModel& model, const Unknowns& own, const VectorXd
   Registration registration = register_base_and_targets(flange_poses(model, arm, training), training);
   arm.X_WB = registration.X_WB;
   arm.targets = std::move(registration.targets);
+  arm.other_bases = std::move(registration.other_bases);
   return arm;
 }
 

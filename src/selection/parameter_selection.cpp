@@ -1,6 +1,7 @@
 #include "selection/parameter_selection.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <set>
 
 #include "base/name_pattern.hpp"
@@ -36,7 +37,7 @@ std::set<std::string> matching(const std::vector<std::string>& patterns, const s
 }
 
 std::vector<std::string> all_names(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  std::vector<std::string> names = frame_parameter_names(targets);
+  std::vector<std::string> names = frame_parameter_names(targets, base_parameter_names(model));
   for (const ErrorParameter& parameter : model.parameters) {
     names.push_back(parameter.name);
   }
@@ -44,8 +45,9 @@ std::vector<std::string> all_names(const ErrorModel& model, const std::vector<Ta
 }
 
 // Base and target coordinates that are known or fixed by the user.
-std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, const ParameterOptions& options,
-                                      const std::set<std::string>& fixed, const std::set<std::string>& freed) {
+std::vector<std::string> fixed_frames(const ErrorModel& model, const std::vector<TargetFrame>& targets,
+                                      const ParameterOptions& options, const std::set<std::string>& fixed,
+                                      const std::set<std::string>& freed) {
   std::vector<std::string> result;
   const auto consider = [&](const std::string& name, bool known, const std::string& option) {
     if (fixed.count(name) > 0 && !known) {
@@ -55,8 +57,11 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
       result.push_back(name);
     }
   };
-  for (const std::string& name : base_parameter_names()) {
-    consider(name, options.known_base.has_value(), "known_base");
+  const std::vector<std::string> bases = base_parameter_names(model);
+  for (std::size_t i = 0; i < bases.size(); ++i) {
+    const bool is_known = model.stations.empty() ? options.known_base.has_value()
+                                                 : find_base(options.known_stations, model.stations[i / 6]) != nullptr;
+    consider(bases[i], is_known, "known_base");
   }
   for (const TargetFrame& target : targets) {
     for (const std::string& name : target_parameter_names(target)) {
@@ -64,6 +69,27 @@ std::vector<std::string> fixed_frames(const std::vector<TargetFrame>& targets, c
     }
   }
   return result;
+}
+
+// The reduction has one base. It is fixed if that of any station is, because the targets are told from the arm there.
+std::vector<std::string> of_one_base(const ErrorModel& model, std::vector<std::string> fixed) {
+  if (!model.stations.empty() && std::erase_if(fixed, is_of_station) > 0) {
+    fixed.insert(fixed.end(), base_parameter_names().begin(), base_parameter_names().end());
+  }
+  return fixed;
+}
+
+// With several stations the bases of all stand in the place of the base.
+void give_each_station_a_base(const ErrorModel& model, Reduction& reduction) {
+  if (model.stations.empty()) {
+    return;
+  }
+  std::vector<std::string> kept = base_parameter_names(model);
+  std::copy_if(reduction.kept.begin(), reduction.kept.end(), std::back_inserter(kept), [](const std::string& name) {
+    const std::vector<std::string>& base = base_parameter_names();
+    return std::find(base.begin(), base.end(), name) == base.end();
+  });
+  reduction.kept = std::move(kept);
 }
 
 }  // namespace
@@ -86,10 +112,12 @@ ParameterSelection select_parameters(const ErrorModel& model, const std::vector<
       throw OptionError("free", name + " is fixed as well, expected one of the two", {"fix"});
     }
   }
-  reduction.fixed = fixed_frames(targets, options, fixed, freed);
+  const std::vector<std::string> fixed_names = fixed_frames(model, targets, options, fixed, freed);
+  reduction.fixed = of_one_base(model, fixed_names);
   ParameterSelection choice{.reduction = reduced_model(model, targets, reduction), .free = {}, .complete = {}};
+  give_each_station_a_base(model, choice.reduction);
   const std::set<std::string> kept(choice.reduction.kept.begin(), choice.reduction.kept.end());
-  const std::set<std::string> held(reduction.fixed.begin(), reduction.fixed.end());
+  const std::set<std::string> held(fixed_names.begin(), fixed_names.end());
   std::set<std::string> gauge;
   for (const GaugeParameter& parameter : choice.reduction.gauge) {
     gauge.insert(parameter.name);

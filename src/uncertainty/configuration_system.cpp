@@ -57,6 +57,7 @@ std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std:
 WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std::size_t>>& rows,
                                               std::vector<Oriented>& oriented) const {
   Measurements some{.source = measurements_.source, .joints = measurements_.joints, .targets = measurements_.targets};
+  some.stations = measurements_.stations;
   some.joint_values.resize(measurements_.joint_values.rows(), static_cast<Index>(rows.size()));
   some.configurations.resize(rows.size());
   ResidualOptions residuals = residuals_;

@@ -13,6 +13,7 @@
 #include "base/preconditions.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/stations.hpp"
 #include "model/kinematics.hpp"
 #include "uncertainty/configuration_system.hpp"
 #include "uncertainty/unit_columns.hpp"
@@ -185,7 +186,8 @@ private:
     const Measurements& measurements = problem_.measurements;
     const auto X_BF = flange_poses(problem_.model, problem_.start, measurements.joint_values.col(configuration),
                                    column(measurements.signals, configuration));
-    const Matrix3d R_WF = problem_.start.X_WB.linear() * X_BF.front().linear();
+    const std::size_t station = station_of(measurements.observations[rows_.at(configuration).front()]);
+    const Matrix3d R_WF = problem_.start.base(station).linear() * X_BF.front().linear();
     for (std::size_t i = 0; i < system.targets.size(); ++i) {
       const auto first = static_cast<Index>(3 * i);
       const Matrix3d in_flange = without.covariance(J.middleRows(first, 3));
@@ -201,6 +203,7 @@ private:
                          const std::vector<HeldOutPoint>& points) const {
     Measurements held_out;
     held_out.targets = means_.targets;
+    held_out.stations = means_.stations;
     held_out.joint_values = problem_.measurements.joint_values(Eigen::all, fold);
     held_out.signals = columns(problem_.measurements.signals, fold);
     for (std::size_t i = 0; i < fold.size(); ++i) {

@@ -8,7 +8,9 @@
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/parameters.hpp"
 #include "validation/validation.hpp"
 
 namespace kdl_calibration {
@@ -18,13 +20,19 @@ Freedom freedom_of(const Measurements& training, const RegistrationOptions& know
   std::set<std::pair<int, int>> points;
   std::set<int> targets;
   std::set<int> configurations;
+  std::set<int> stations;
   for (const Observation& observation : training.observations) {
     points.insert({observation.configuration, observation.target});
     targets.insert(observation.target);
     configurations.insert(observation.configuration);
+    if (training.stations.size() < 2 ||
+        find_base(known.known_stations, training.stations[station_of(observation)]) == nullptr) {
+      stations.insert(observation.station);
+    }
   }
   const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
-  return {.unknowns = (known.known_base ? 0 : 6) + 3 * std::max(unknown_targets, 0),
+  const int bases = known.known_base ? 0 : static_cast<int>(stations.size());
+  return {.unknowns = 6 * bases + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
           .coordinates = 3 * static_cast<int>(points.size()),
           .configurations = static_cast<int>(configurations.size()),
@@ -65,7 +73,11 @@ RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, c
   RegisteredErrors result{.registration = register_base_and_targets(X_BF, to_register, known)};
   result.freedom = freedom_of(*TrainingRows(to_register), known, result.registration);
   require_freedom(result.freedom, measurements.source);
-  const Estimate placed{.errors = {}, .X_WB = result.registration.X_WB, .targets = result.registration.targets};
+  const Estimate placed{.errors = {},
+                        .X_WB = result.registration.X_WB,
+                        .targets = result.registration.targets,
+                        .effects = {},
+                        .other_bases = result.registration.other_bases};
   const auto statistics = [&](Rows rows) {
     return error_statistics(position_errors(X_BF, placed, measurements, rows));
   };

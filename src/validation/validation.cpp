@@ -81,7 +81,11 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
                     const RegistrationOptions& options) {
   const Registration registration =
       register_base_and_targets(flange_poses(folded(model, errors), measurements.joint_values), measurements, options);
-  return {.errors = errors, .X_WB = registration.X_WB, .targets = registration.targets, .effects = {}};
+  return {.errors = errors,
+          .X_WB = registration.X_WB,
+          .targets = registration.targets,
+          .effects = {},
+          .other_bases = registration.other_bases};
 }
 
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {

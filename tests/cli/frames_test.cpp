@@ -93,7 +93,7 @@ TEST_F(KnownFramesInFiles, AreTheBaseAndWhatWasMeasured) {
   EXPECT_FALSE(none.known_base);
   EXPECT_THAT(none.known_targets, IsEmpty());
   const RegistrationOptions known =
-      cli::known_frames({.known_base = path("b.json"), .known_targets = path("t.json")}, measurements);
+      cli::known_frames({.known_bases = {path("b.json")}, .known_targets = path("t.json")}, measurements);
   const Eigen::Isometry3d X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0);
   EXPECT_TRUE(known.known_base->isApprox(X_WB, 1e-15));
   ASSERT_EQ(known.known_targets.size(), 1U);
@@ -101,6 +101,33 @@ TEST_F(KnownFramesInFiles, AreTheBaseAndWhatWasMeasured) {
   EXPECT_EQ(known.known_targets[0].X_FT.translation(), Vector3d(4.0, 5.0, 6.0));
   EXPECT_EQ(refusal([&] { cli::known_frames({.known_targets = path("x.json")}, measurements); }),
             path("x.json") + ": targets: none was measured, expected some of A, B");
+}
+
+TEST_F(KnownFramesInFiles, AreThoseOfTheNamedStations) {
+  write("b.json", R"({"position": [1, 2, 3], "quaternion_wxyz": [1, 0, 0, 0]})");
+  write("r.json", R"({"stations": [{"name": "E", "position": [7, 7, 7], "quaternion_wxyz": [1, 0, 0, 0]},
+                                   {"name": "W", "position": [4, 5, 6], "quaternion_wxyz": [1, 0, 0, 0]}]})");
+  Measurements measurements;
+  measurements.targets = {"A"};
+  measurements.stations = {"W", "N"};
+  const auto known = [&](const std::vector<std::string>& given) {
+    return cli::known_frames({.known_bases = given}, measurements);
+  };
+  const std::vector<StationBase> bases = known({"W=" + path("r.json"), "N=" + path("b.json")}).known_stations;
+  ASSERT_EQ(bases.size(), 2U);
+  EXPECT_EQ(bases[0].X_WB.translation(), Vector3d(4.0, 5.0, 6.0));
+  EXPECT_EQ(bases[1].X_WB.translation(), Vector3d(1.0, 2.0, 3.0));
+  EXPECT_EQ(refusal([&] { known({"N=" + path("r.json")}); }),
+            path("r.json") + ": stations: none is 'N', expected that station or a file of one base");
+  EXPECT_EQ(refusal([&] { known({path("b.json")}); }),
+            "--known-base: no station, expected STATION=FILE with one of W, N");
+  EXPECT_EQ(refusal([&] {
+              known({"W=" + path("b.json"), "W=" + path("r.json")});
+            }),
+            "--known-base: station 'W' is there twice, expected each once");
+  measurements.stations.clear();
+  EXPECT_EQ(refusal([&] { known({"W=" + path("b.json")}); }),
+            "--known-base: station 'W', expected a file alone, as the measurements have no column station");
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ function parameterTables() {
   const groups = new Map();
   const add = (key, p) => groups.set(key, [...(groups.get(key) || []), p]);
   for (const p of RESULT.parameters || []) {
-    if (p.name.startsWith("base.")) continue;
+    if (p.name.startsWith("base.") || p.name.startsWith("base[")) continue;
     const point = p.name.lastIndexOf(".");
     if (point > 0 && p.joint === null) continue;
     add(p.joint || "behind the last joint", p);
@@ -58,8 +58,8 @@ function parameterTables() {
 function frameRows() {
   const rows = [];
   const digits = (v) => fixed(v * 1e3, 3);
-  const base = RESULT.base;
-  if (base) rows.push(["base, in the measuring device's frame", ...base.position.map(digits), base.std ? base.std.slice(0, 3).map((v) => (v === null ? "–" : fixed(v * 1e3, 3))).join(", ") : null]);
+  const bases = RESULT.stations || (RESULT.base ? [RESULT.base] : []);
+  for (const base of bases) rows.push([base.name === undefined ? "base, in the measuring device's frame" : el("span", {}, "base, from station ", named(base.name, 24)), ...base.position.map(digits), base.std ? base.std.slice(0, 3).map((v) => (v === null ? "–" : fixed(v * 1e3, 3))).join(", ") : null]);
   for (const target of RESULT.targets || []) {
     rows.push([el("span", {}, "target ", named(target.name, 30), ", on the flange"), ...target.position.map(digits),
       target.std ? target.std.slice(0, 3).map((v) => (v === null ? "–" : fixed(v * 1e3, 3))).join(", ") : null]);

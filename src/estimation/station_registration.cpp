@@ -1,0 +1,249 @@
+#include "estimation/station_registration.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "estimation/linear_system.hpp"
+#include "estimation/prediction.hpp"
+#include "estimation/unknowns.hpp"
+#include "measurements/stations.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
+#include "model/parameters.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// The fit of all bases and targets to training rows. Columns: six of each base, then six of each target (a base as in
+// UnknownGroup::base, a target as in UnknownGroup::targets); those of known frames stay zero.
+class JointRegistration {
+public:
+  JointRegistration(const std::vector<Isometry3d>& X_BF, const Measurements& training,
+                    const RegistrationOptions& options)
+      : X_BF_(X_BF), training_(training), options_(options) {
+    for (const std::string& station : training.stations) {
+      is_known_.push_back(find_base(options.known_stations, station) != nullptr);
+    }
+    for (const std::string& target : training.targets) {
+      is_known_.push_back(find_target(options.known_targets, target) != nullptr);
+    }
+  }
+
+  // Levenberg-Marquardt. Returns the cost.
+  double fit(Estimate& estimate) const {
+    constexpr int kSteps = 100;
+    constexpr double kLeastDamping = 1e-9;  // undetermined directions stay as they are
+    constexpr double kSettled = 1e-13;      // of the squared length of a step
+    double damping = kLeastDamping;
+    double cost = linearise(estimate).cost;
+    for (int step = 0; step < kSteps && damping < 1e12; ++step) {
+      const NormalEquations equations = linearise(estimate);
+      const VectorXd scale = unit_scale_of_information(equations.hessian);
+      MatrixXd scaled = scale.asDiagonal() * equations.hessian * scale.asDiagonal();
+      scaled.diagonal().array() += damping;
+      const VectorXd move = scale.cwiseProduct(scaled.ldlt().solve(VectorXd(scale.cwiseProduct(equations.gradient))));
+      const Estimate next = moved(estimate, move);
+      const double next_cost = linearise(next).cost;
+      if (!(next_cost <= cost * (1.0 + 1e-12))) {
+        damping = std::max(10.0 * damping, 1e-6);
+        continue;
+      }
+      estimate = next;
+      cost = next_cost;
+      damping = std::max(0.1 * damping, kLeastDamping);
+      if (move.squaredNorm() < kSettled * kSettled) {
+        break;
+      }
+    }
+    return cost;
+  }
+
+  // Number of directions of the unknown frames that the rows do not determine.
+  int open_directions(const Estimate& estimate) const {
+    constexpr double kNothing = 1e-10;
+    const MatrixXd information = linearise(estimate).hessian;
+    const VectorXd scale = unit_scale_of_information(information);
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(scale.asDiagonal() * information * scale.asDiagonal(),
+                                                           Eigen::EigenvaluesOnly);
+    const auto determined = (spectrum.eigenvalues().array() > kNothing).count();
+    Index unknowns = 0;
+    for (std::size_t frame = 0; frame < is_known_.size(); ++frame) {
+      unknowns += is_known_[frame] ? 0 : frame < training_.stations.size() ? 6 : 3;
+    }
+    return static_cast<int>(std::max<Index>(unknowns - determined, 0));
+  }
+
+private:
+  // Residual and Jacobian of a point or orientation, by its base and its target.
+  void add(const Vector3d& residual, const Eigen::Matrix<double, 3, 12>& jacobian, double weight,
+           const std::array<Index, 2>& first, NormalEquations& equations) const {
+    equations.cost += weight * residual.squaredNorm();
+    const Eigen::Matrix<double, 12, 12> information = weight * jacobian.transpose() * jacobian;
+    const Eigen::Matrix<double, 12, 1> gradient = weight * jacobian.transpose() * residual;
+    for (Index a = 0; a < 2; ++a) {
+      const Index row = first[static_cast<std::size_t>(a)];
+      if (is_known_[static_cast<std::size_t>(row / 6)]) {
+        continue;
+      }
+      equations.gradient.segment<6>(row) += gradient.segment<6>(6 * a);
+      for (Index b = 0; b < 2; ++b) {
+        const Index column = first[static_cast<std::size_t>(b)];
+        if (!is_known_[static_cast<std::size_t>(column / 6)]) {
+          equations.hessian.block<6, 6>(row, column) += information.block<6, 6>(6 * a, 6 * b);
+        }
+      }
+    }
+  }
+
+  NormalEquations linearise(const Estimate& estimate) const {
+    const auto size = static_cast<Index>(6 * is_known_.size());
+    NormalEquations equations{.hessian = MatrixXd::Zero(size, size), .gradient = VectorXd::Zero(size)};
+    for (std::size_t row = 0; row < training_.observations.size(); ++row) {
+      const Observation& o = training_.observations[row];
+      const auto target = static_cast<std::size_t>(o.target);
+      const std::array<Index, 2> first = {static_cast<Index>(6 * station_of(o)),
+                                          static_cast<Index>(6 * (training_.stations.size() + target))};
+      const Isometry3d& X_WB = estimate.base(station_of(o));
+      const Isometry3d X_BT = X_BF_[static_cast<std::size_t>(o.configuration)] * estimate.targets[target].X_FT;
+      const Matrix3d R_WF = X_WB.linear() * X_BF_[static_cast<std::size_t>(o.configuration)].linear();
+      const double weight = o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0;
+      Eigen::Matrix<double, 3, 12> jacobian;
+      jacobian << X_WB.linear(), -X_WB.linear() * skew(X_BT.translation()), R_WF, Matrix3d::Zero();
+      add(o.position - X_WB * X_BT.translation(), jacobian, weight, first, equations);
+      if (training_.orientations.empty() || is_point(training_.orientations[row])) {
+        continue;
+      }
+      const Matrix3d R_TB = X_BT.linear().transpose();
+      jacobian << Matrix3d::Zero(), R_TB, Matrix3d::Zero(), Matrix3d::Identity();
+      add(rotation_log(R_TB * X_WB.linear().transpose() * training_.orientations[row].toRotationMatrix()), jacobian,
+          weight * options_.orientation_length * options_.orientation_length, first, equations);
+    }
+    return equations;
+  }
+
+  Estimate moved(const Estimate& estimate, const VectorXd& step) const {
+    Estimate result = estimate;
+    const auto stations = static_cast<Index>(training_.stations.size());
+    for (Index frame = 0; frame < static_cast<Index>(is_known_.size()); ++frame) {
+      const Vector3d linear = step.segment<3>(6 * frame);
+      const Matrix3d turn = rotation_exp(step.segment<3>(6 * frame + 3));
+      const bool is_base = frame < stations;
+      Isometry3d& X = frame == 0 ? result.X_WB
+                      : is_base  ? result.other_bases[static_cast<std::size_t>(frame - 1)]
+                                 : result.targets[static_cast<std::size_t>(frame - stations)].X_FT;
+      X.translation() += is_base ? Vector3d(X.linear() * linear) : linear;
+      X.linear() = X.linear() * turn;
+    }
+    return result;
+  }
+
+  const std::vector<Isometry3d>& X_BF_;
+  const Measurements& training_;
+  const RegistrationOptions& options_;
+  std::vector<bool> is_known_;  // stations, then targets
+};
+
+// A start of the joint fit, and whether its first station determines its base and targets.
+struct Start {
+  Estimate estimate;
+  bool is_firm = false;
+};
+
+Start registered_one_by_one(const std::vector<Isometry3d>& X_BF, const Measurements& training,
+                            const RegistrationOptions& options, const std::vector<std::size_t>& order) {
+  Start result;
+  std::vector<Isometry3d> bases(training.stations.size(), Isometry3d::Identity());
+  RegistrationOptions own = options;
+  own.known_stations.clear();
+  std::vector<TargetFrame> targets;
+  for (const std::string& name : training.targets) {
+    targets.push_back({.name = name});
+  }
+  for (const std::size_t station : order) {
+    const Measurements rows = rows_of_station(training, station).measurements;
+    const Isometry3d* known = find_base(options.known_stations, training.stations[station]);
+    own.known_base = known == nullptr ? std::nullopt : std::optional(*known);
+    if (rows.observations.empty()) {
+      bases[station] = known == nullptr ? Isometry3d::Identity() : *known;
+      continue;
+    }
+    const Registration registration = register_base_and_targets(X_BF, rows, own);
+    bases[station] = registration.X_WB;
+    result.is_firm = result.is_firm || (station == order.front() && registration.open == 0);
+    for (const Observation& observation : rows.observations) {
+      const auto k = static_cast<std::size_t>(observation.target);
+      const TargetFrame& found = registration.targets[k];
+      const bool is_new = find_target(own.known_targets, found.name) == nullptr;
+      if (is_new) {
+        own.known_targets.push_back(found);
+      }
+      if (is_new || find_target(options.known_targets, found.name) != nullptr) {
+        targets[k] = found;
+      }
+      targets[k].with_orientation = targets[k].with_orientation || found.with_orientation;
+    }
+  }
+  result.estimate.X_WB = bases.front();
+  result.estimate.other_bases.assign(bases.begin() + 1, bases.end());
+  result.estimate.targets = std::move(targets);
+  return result;
+}
+
+}  // namespace
+
+Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measurements& measurements,
+                               const RegistrationOptions& options) {
+  constexpr std::size_t kMostStarts = 4;
+  const TrainingRows rows(measurements);
+  const Measurements& training = *rows;
+  std::vector<std::size_t> count(training.stations.size(), 0);
+  for (const Observation& observation : training.observations) {
+    ++count[station_of(observation)];
+  }
+  std::vector<std::size_t> by_rows(count.size());
+  std::iota(by_rows.begin(), by_rows.end(), std::size_t{0});
+  std::stable_sort(by_rows.begin(), by_rows.end(), [&](std::size_t a, std::size_t b) { return count[a] > count[b]; });
+  const JointRegistration joint(X_BF, training, options);
+  std::optional<Estimate> best;
+  double least = 0.0;
+  for (std::size_t first = 0; first < std::min(by_rows.size(), kMostStarts) && count[by_rows[first]] > 0; ++first) {
+    std::vector<std::size_t> order = by_rows;
+    std::rotate(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(first),
+                order.begin() + static_cast<std::ptrdiff_t>(first + 1));
+    Start start = registered_one_by_one(X_BF, training, options, order);
+    const double cost = joint.fit(start.estimate);
+    if (!best || cost < least) {
+      best = std::move(start.estimate);
+      least = cost;
+    }
+    if (start.is_firm) {
+      break;
+    }
+  }
+  const Estimate& found = best ? *best : registered_one_by_one(X_BF, training, options, by_rows).estimate;
+  Registration result;
+  result.X_WB = found.X_WB;
+  result.other_bases = found.other_bases;
+  result.targets = found.targets;
+  result.open = joint.open_directions(found);
+  double squares = 0.0;
+  for (const Observation& observation : training.observations) {
+    squares += (observation.position - predicted_point(found, X_BF, observation)).squaredNorm();
+  }
+  result.rms = std::sqrt(squares / std::max(static_cast<double>(training.observations.size()), 1.0));
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,29 @@
+#pragma once
+
+// Not installed.
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+inline std::size_t station_of(const Observation& observation) { return static_cast<std::size_t>(observation.station); }
+
+/// The rows of one station as measurements of a single one. All configurations keep their numbers.
+struct StationRows {
+  Measurements measurements;
+  std::vector<std::size_t> rows;  ///< their indices among all rows
+};
+StationRows rows_of_station(const Measurements& measurements, std::size_t station);
+
+/// The station of each configuration; 0 for those without rows.
+std::vector<std::int16_t> stations_of_configurations(const Measurements& measurements);
+
+/// Throws InputError if the measurements have several stations. `what` does not support them.
+void require_one_station(const Measurements& measurements, const std::string& what);
+
+}  // namespace kdl_calibration

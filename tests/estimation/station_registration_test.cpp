@@ -1,0 +1,171 @@
+#include "estimation/station_registration.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "estimation/identification.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "measurements/stations.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::station_registration_test {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// An arm and a tracker that was moved twice.
+struct MovedTracker : testing::VirtualExperiment {
+  explicit MovedTracker(std::uint64_t seed, int count = 30) : VirtualExperiment({.random = Random(seed)}) {
+    robot = at_stations(robot, 3, random);
+    model = robot.model;
+    q = configurations(count);
+  }
+
+  Measurements measured(double noise = 0.0) { return measure(q, {.sigma = noise}); }
+
+  Registration registered(const Measurements& measurements, const RegistrationOptions& options = {}) const {
+    return register_base_and_targets(flange_poses(folded(model, robot.truth.errors), q), measurements, options);
+  }
+
+  double distance(const Registration& found) const {
+    double largest = 0.0;
+    for (std::size_t s = 0; s < 3; ++s) {
+      const Eigen::Matrix4d difference = found.base(s).matrix() - robot.truth.base(s).matrix();
+      largest = std::max(largest, difference.cwiseAbs().maxCoeff());
+    }
+    for (std::size_t k = 0; k < found.targets.size(); ++k) {
+      largest =
+          std::max(largest, (found.targets[k].X_FT.translation() - robot.truth.targets[k].X_FT.translation()).norm());
+    }
+    return largest;
+  }
+
+  MatrixXd q;
+};
+
+TEST(StationRegistration, FindsEachBaseAndTheSharedTargets) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    MovedTracker experiment(seed);
+    const Registration found = experiment.registered(experiment.measured());
+    EXPECT_LT(experiment.distance(found), 1e-9) << seed;
+    EXPECT_EQ(found.open, 0);
+    EXPECT_LT(found.rms, 1e-10);
+  }
+}
+
+// The third station sees three points of one configuration, the second one two targets of two: neither finds its base
+// without the targets of the first.
+TEST(StationRegistration, StationsWithFewPointsUseTheTargetsOfTheOthers) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    MovedTracker experiment(seed);
+    const Measurements few = subset(experiment.measured(), [](const Observation& o) {
+      return o.station == 0 || (o.station == 1 && o.configuration < 12 && o.target < 2) || o.configuration == 29;
+    });
+    const Registration found = register_base_and_targets(
+        flange_poses(folded(experiment.model, experiment.robot.truth.errors), few.joint_values), few);
+    EXPECT_LT(experiment.distance(found), 1e-8) << seed;
+  }
+}
+
+TEST(StationRegistration, HoldsWhatIsKnown) {
+  MovedTracker experiment(3);
+  Eigen::Isometry3d known = experiment.robot.truth.base(1);
+  known.translation().x() += 1e-3;
+  const Registration found = experiment.registered(experiment.measured(), {.known_stations = {{"S2", known}}});
+  EXPECT_EQ(found.base(1).matrix(), known.matrix());
+  const Registration exact =
+      experiment.registered(experiment.measured(), {.known_targets = experiment.robot.truth.targets});
+  EXPECT_LT(experiment.distance(exact), 1e-9);
+  EXPECT_EQ(exact.targets.front().X_FT.matrix(), experiment.robot.truth.targets.front().X_FT.matrix());
+}
+
+Estimate nearby(const MovedTracker& experiment) {
+  Estimate estimate = experiment.robot.truth;
+  estimate.errors *= 0.5;
+  estimate.targets[0].X_FT.translation().x() += 1e-3;
+  estimate.other_bases[1].translation().y() += 1e-3;
+  return estimate;
+}
+
+// All unknowns of the three stations.
+Unknowns unknowns(const MovedTracker& experiment) {
+  std::vector<std::string> names = base_parameter_names(experiment.model);
+  for (const std::string& name : experiment.reduction.kept) {
+    if (name.rfind("base.", 0) != 0) {
+      names.push_back(name);
+    }
+  }
+  return {experiment.model, experiment.targets, names};
+}
+
+// Whitened rows against central differences of the predicted points, whatever the noise.
+TEST(StationLeastSquares, RowsAreTheDerivativesOfEachStationsPoints) {
+  MovedTracker experiment(4, 12);
+  Measurements measurements = experiment.measured();
+  for (Observation& observation : measurements.observations) {
+    observation.sigma = 1e-3;
+  }
+  const Unknowns free = unknowns(experiment);
+  ASSERT_EQ(free.size(), 18 + 27);
+  const Estimate estimate = nearby(experiment);
+  const LeastSquaresProblem problem(experiment.model, measurements, free);
+  const WhitenedSystem system = problem.whitened(estimate);
+  ASSERT_EQ(system.blocks.size(), 13U);
+  const auto residuals = [&](const Estimate& at) {
+    const auto X_BF = flange_poses(experiment.model, at, measurements);
+    VectorXd all(system.residual.size());
+    Index row = 0;
+    for (const Observation& o : measurements.observations) {  // whitened in the flange frame at `estimate`
+      const Eigen::Matrix3d R_WF =
+          estimate.base(station_of(o)).linear() *
+          flange_poses(experiment.model, estimate, measurements)[static_cast<std::size_t>(o.configuration)].linear();
+      all.segment<3>(row) = R_WF.transpose() * (o.position - predicted_point(at, X_BF, o)) / o.sigma;
+      row += 3;
+    }
+    return all;
+  };
+  EXPECT_LT((residuals(estimate) - system.residual).norm(), 1e-9 * system.residual.norm());
+  constexpr double kStep = 1e-6;
+  for (Index column = 0; column < free.size(); ++column) {
+    const VectorXd step = kStep * VectorXd::Unit(free.size(), column);
+    const VectorXd slope =
+        (residuals(free.moved(estimate, -step)) - residuals(free.moved(estimate, step))) / (2.0 * kStep);
+    EXPECT_LT((slope - system.jacobian.col(column)).norm(), 1e-5 * (1.0 + slope.norm()))
+        << free.names()[static_cast<std::size_t>(column)];
+  }
+  const NormalEquations equations = problem.linearise(estimate);
+  EXPECT_LT((equations.hessian - system.jacobian.transpose() * system.jacobian).norm(),
+            1e-10 * equations.hessian.norm());
+  EXPECT_LT((equations.gradient - system.jacobian.transpose() * system.residual).norm(),
+            1e-10 * equations.gradient.norm());
+  EXPECT_NEAR(equations.cost, system.residual.squaredNorm(), 1e-10 * equations.cost);
+  EXPECT_NEAR(problem.cost(estimate), equations.cost, 1e-10 * equations.cost);
+  const MatrixXd R = problem.whitened_summary(estimate).sqrt_information;
+  EXPECT_LT((R.transpose() * R - equations.hessian).norm(), 1e-10 * equations.hessian.norm());
+}
+
+TEST(StationLeastSquares, AFitOfAllStationsIsExact) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    MovedTracker experiment(seed);
+    const Measurements measurements = experiment.measured();
+    const Identification found = identify_jointly(experiment.model, measurements,
+                                                  nominal_start(experiment.model, measurements), unknowns(experiment));
+    EXPECT_EQ(found.termination, Termination::converged) << found.message;
+    EXPECT_LT(found.rms, 1e-10);
+  }
+}
+
+TEST(StationLeastSquares, AnEstimateOfOneStationIsRefused) {
+  MovedTracker experiment(1);
+  Estimate one = experiment.robot.truth;
+  one.other_bases.clear();
+  const LeastSquaresProblem problem(experiment.model, experiment.measured(), unknowns(experiment));
+  EXPECT_THROW(problem.cost(one), InputError);
+}
+
+}  // namespace
+}  // namespace kdl_calibration::station_registration_test
