@@ -23,6 +23,8 @@
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
+#include "cli/simulate_arguments.hpp"
+#include "cli/simulated_places.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
@@ -39,37 +41,6 @@ namespace {
 
 constexpr int kTestsOfMonteCarlo = 100;  // configurations
 constexpr int kHeldOutOfTwoStep = 1000;
-
-struct SimulateArguments {
-  RobotArguments robot;
-  int configurations = 30;
-  int test_configurations = 0;
-  std::string plan;
-  std::string joint_convention;
-  int targets = 3;
-  std::string target_file;
-  bool poses = false;
-  MeasuringNoise noise;
-  ErrorSizes sizes;
-  std::optional<double> angle_sigma_deg;
-  std::vector<std::string> effects = {"none"};
-  double effect_sigma = 3e-4;
-  std::string model = "irreducible";
-  std::vector<std::string> joint_ranges = {"limits"};
-  int monte_carlo = 0;
-  std::string run_range;
-  std::string runs;
-  int two_step = 0;  // rounds
-  bool recorded = false;
-  bool order = false;
-  int threads = 0;
-  std::uint64_t seed = 1;
-  std::string output;
-  std::string truth;
-  std::string report;
-  bool force = false;
-  bool json = false;
-};
 
 Json ranges_json(const ErrorModel& model, const JointRanges& ranges) {
   Json list = Json::array();
@@ -173,6 +144,13 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   Simulation result;
   result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
   add_effects(arguments, set, result.robot);
+  if (!arguments.places.sockets.empty()) {
+    result.measurements =
+        touch(plate_of(arguments.places), set.ranges, set.configurations, arguments.noise.sigma, random, result.robot);
+    result.truth = truth_of(robot, arguments, set, result.robot);
+    return result;
+  }
+  result.robot = at_places(std::move(result.robot), arguments.places, arguments.seed);
   const Eigen::MatrixXd train = to_fit(arguments, set, random);
   result.measurements = measure(result.robot, driven(arguments, set, train), arguments.noise, random);
   if (arguments.test_configurations > 0) {
@@ -374,6 +352,7 @@ ExitStatus run(SimulateArguments arguments) {
   if (arguments.angle_sigma_deg) {
     arguments.sizes.angle = *arguments.angle_sigma_deg * kDegree;
   }
+  require_places(arguments);
   if (arguments.two_step > 0) {
     return run_two_step(arguments);
   }
@@ -447,6 +426,7 @@ Subcommand add_simulate(CLI::App& parser) {
       ->excludes(add_file(*app, "--target-file", arguments->target_file,
                           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead"));
   add_count(*app, "--repeats", arguments->noise.repeats, {1, 1'000}, "Times that each target is measured");
+  add_place_options(*app, arguments->places);
   app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
   add_sizes(*app, *arguments);
   add_list(*app, "--effects", arguments->effects,

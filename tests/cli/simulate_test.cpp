@@ -262,6 +262,30 @@ std::vector<OptionCase> experiment_options() {
          EXPECT_NEAR(targets[1]["position"][2].get<double>(), -0.4, 1e-15);
        },
        {"--target-sigma", "0"}},
+      {"StationsShareTheConfigurations",
+       {"--stations", "2"},
+       [](const Effect& effect) {
+         const Measurements without = rows_of(effect.without);
+         const Measurements with = rows_of(effect.with);
+         EXPECT_EQ(with.joint_values, without.joint_values);
+         EXPECT_EQ(with.stations, (std::vector<std::string>{"S1", "S2"}));
+         EXPECT_EQ(effect.with.file("t.json")["stations"].size(), 2U);
+         for (std::size_t i = 0; i < 36; ++i) {
+           EXPECT_EQ(with.observations[i].station, i < 18 ? 0 : 1);
+           EXPECT_EQ(with.observations[i].position == without.observations[i].position, i < 18) << i;
+         }
+       }},
+      {"SocketsAreTouchedInTurn",
+       {"--sockets", "targets.json"},
+       [](const Effect& effect) {
+         const Measurements touches = rows_of(effect.with);
+         ASSERT_EQ(touches.observations.size(), 12U);
+         for (std::size_t i = 0; i < 12; ++i) {
+           EXPECT_EQ(touches.observations[i].position,
+                     i % 2 == 0 ? Eigen::Vector3d(0.0, 0.2, 0.0) : Eigen::Vector3d(0.3, 0.0, -0.4));
+         }
+       },
+       {"--targets", "1"}},
       {"PosesHaveOrientations",
        {"--poses"},
        [](const Effect& effect) {

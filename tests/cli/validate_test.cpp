@@ -275,6 +275,26 @@ TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
               found["position_error"]["train"]["rms"].get<double>() * std::sqrt(108.0 / 93.0), 1e-12);
 }
 
+TEST_F(OptionsOfKdlcal, ValidateComparesTheArmsThatTouchedAPlateAtSeveralPlaces) {
+  write("sockets.json", R"({"targets": [{"name": "1", "position": [0, 0, 0]},
+                                        {"name": "2", "position": [0.4, 0, 0]}]})");
+  const Words touches = {"simulate", "--configurations", "40",           "--targets", "1",    "--stations",
+                         "4",        "--sockets",        "sockets.json", "--noise",   "3e-5", "--output",
+                         "m.csv",    "--truth",          "t.json"};
+  ASSERT_EQ(run(touches).status, 0);
+  const Outcome found = run({"calibrate", "--measurements", "m.csv", "--result", "r.json"});
+  EXPECT_EQ(found.status, 0) << found.err;
+  EXPECT_THAT(found.err, HasSubstr("held as registered: base[P1]."));
+  const Outcome compared = run({"validate", "--result", "r.json", "--truth", "t.json", "--json"});
+  EXPECT_EQ(compared.status, 0) << compared.err;
+  EXPECT_LT(Json::parse(compared.out)["position_error"]["all"]["rms"], 4e-4);
+  for (const Words& more : {Words{"--poses"}, Words{"--repeats", "2"}, Words{"--test-configurations", "2"}}) {
+    Words refused = touches;
+    refused.insert(refused.end(), more.begin(), more.end());
+    expect_refused(refused, {"--sockets", "expected none of"});
+  }
+}
+
 TEST_F(OptionsOfKdlcal, ValidateLeavesOutRowsThatTheMeasurementsDoNotHave) {
   const Measurements all = measured_fanuc({.sigma = 2e-5}, false);
   write("m.csv", measurements_csv(subset(all, [](const Observation& o) { return o.split == Split::train; })));

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <cstdint>
+
+#include "cli/simulate_arguments.hpp"
+#include "planning/plate.hpp"
+#include "planning/simulation.hpp"
+
+namespace kdl_calibration::cli {
+
+void add_place_options(CLI::App& app, PlaceArguments& arguments);
+
+/// Throws InputError for options that several places or a plate do not support.
+void require_places(const SimulateArguments& arguments);
+
+/// Moves the robot's tracker to `stations` places, drawn from a stream of their own.
+VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std::uint64_t seed);
+/// The plate with the sockets of --sockets.
+Plate plate_of(const PlaceArguments& arguments);
+
+}  // namespace kdl_calibration::cli

@@ -1,0 +1,161 @@
+#include "planning/plate.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "base/preconditions.hpp"
+#include "effects/arm_kinematics.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "model/kinematics.hpp"
+#include "model/parameters.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+class Ball {
+public:
+  Ball(const VirtualRobot& robot, const JointRanges& ranges)
+      : arm_(robot.model, robot.truth.errors, robot.truth.effects),
+        joints_(robot.model.joints),
+        ranges_(ranges),
+        ball_(robot.truth.targets.front().X_FT.translation()) {}
+
+  Vector3d position(const VectorXd& q) const { return arm_.flange_pose(q) * ball_; }
+
+  VectorXd any(Random& random) const { return random_configurations(joints_, ranges_, 1, random).col(0); }
+
+  // Joint values that bring the ball to `goal` [m] in the base frame, by Gauss-Newton steps from random ones.
+  std::optional<VectorXd> at(const Vector3d& goal, Random& random) const {
+    constexpr int kStarts = 100;
+    constexpr int kSteps = 60;
+    constexpr double kReached = 1e-12;  // [m]
+    constexpr double kLongest = 0.5;    // [rad] or [m] of a step
+    for (int start = 0; start < kStarts; ++start) {
+      VectorXd q = any(random);
+      for (int step = 0; step < kSteps; ++step) {
+        Matrix6Xd jacobian;
+        const Isometry3d X_BF = arm_.flange_pose(q, jacobian);
+        const Vector3d error = goal - X_BF * ball_;
+        if (error.norm() < kReached) {
+          if (is_within(q)) {
+            return q;
+          }
+          break;
+        }
+        const Matrix3Xd J = jacobian.topRows<3>() - skew(X_BF.linear() * ball_) * jacobian.bottomRows<3>();
+        const VectorXd move = J.completeOrthogonalDecomposition().solve(error);
+        q += move * std::min(1.0, kLongest / move.norm());
+      }
+    }
+    return std::nullopt;
+  }
+
+private:
+  bool is_within(const VectorXd& q) const {
+    for (std::size_t i = 0; i < ranges_.size(); ++i) {
+      const double value = q[static_cast<Index>(i)];
+      if (!(value >= ranges_[i].first && value <= ranges_[i].second)) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  ArmKinematics arm_;
+  const std::vector<MovingJoint>& joints_;
+  const JointRanges& ranges_;
+  Vector3d ball_;
+};
+
+Vector3d three_normals(Random& random) {
+  const double x = random.normal();
+  const double y = random.normal();
+  return {x, y, random.normal()};
+}
+
+// A place of the plate with joint values (joints x configurations) for its sockets in turn.
+struct PlacedPlate {
+  Isometry3d X_BW = Isometry3d::Identity();
+  MatrixXd joint_values;
+};
+
+std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, Index configurations, double sigma,
+                                        Random& random) {
+  PlacedPlate result;
+  const VectorXd q = ball.any(random);
+  result.X_BW.linear() = rotation_exp(three_normals(random));
+  result.X_BW.translation() = ball.position(q) - result.X_BW.linear() * plate.sockets.front();
+  result.joint_values.resize(q.size(), configurations);
+  for (Index c = 0; c < configurations; ++c) {
+    const Vector3d& socket = plate.sockets[static_cast<std::size_t>(c) % plate.sockets.size()];
+    const std::optional<VectorXd> there = ball.at(result.X_BW * (socket + sigma * three_normals(random)), random);
+    if (!there) {
+      return std::nullopt;
+    }
+    result.joint_values.col(c) = *there;
+  }
+  return result;
+}
+
+}  // namespace
+
+Measurements touch(const Plate& plate, const JointRanges& ranges, Index configurations, double sigma, Random& random,
+                   VirtualRobot& robot) {
+  constexpr int kTrials = 50;  // of a place
+  require_sigma("the noise of a touch", sigma);
+  require_at_least("sockets of a plate", plate.sockets.size(), 1);
+  require_count("targets of a robot that touches a plate", robot.truth.targets.size(), 1);
+  require_count("ranges of joints", ranges.size(), robot.model.joints.size());
+  if (std::any_of(robot.model.joints.begin(), robot.model.joints.end(),
+                  [](const MovingJoint& joint) { return joint.mimic.has_value(); })) {
+    refuse_input("a robot with mimic joints and a plate", "independent joints");
+  }
+  const Ball ball(robot, ranges);
+  Measurements result;
+  result.source = "simulation";
+  for (const MovingJoint& joint : robot.model.joints) {
+    result.joints.push_back(joint.name);
+    result.joint_units.push_back(joint.type == JointType::prismatic ? JointUnit::metre : JointUnit::radian);
+  }
+  result.targets = {robot.truth.targets.front().name};
+  result.joint_values.resize(static_cast<Index>(ranges.size()), configurations);
+  std::vector<Isometry3d> bases;
+  for (int station = 0; station < plate.places; ++station) {
+    const Index first = configurations * station / plate.places;
+    const Index count = configurations * (station + 1) / plate.places - first;
+    std::optional<PlacedPlate> found;
+    for (int trial = 0; trial < kTrials && !found; ++trial) {
+      found = placed_plate(plate, ball, count, sigma, random);
+    }
+    if (!found) {
+      refuse_input("no place of the plate was found where the arm reaches every socket",
+                   "sockets closer together or wider joint ranges");
+    }
+    bases.push_back(found->X_BW.inverse());
+    result.stations.push_back("P" + std::to_string(station + 1));
+    result.joint_values.middleCols(first, count) = found->joint_values;
+    for (Index c = first; c < first + count; ++c) {
+      result.configurations.push_back(std::to_string(c + 1));
+      result.observations.push_back(
+          {.position = plate.sockets[static_cast<std::size_t>(c - first) % plate.sockets.size()],
+           .sigma = sigma,
+           .configuration = static_cast<std::int32_t>(c),
+           .station = static_cast<std::int16_t>(station)});
+    }
+  }
+  robot.truth.X_WB = bases.front();
+  robot.truth.other_bases.assign(bases.begin() + 1, bases.end());
+  robot.model = at_stations_of(result, std::move(robot.model));
+  return result;
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "base/random.hpp"
+#include "kdl_calibration/measurements.hpp"
+#include "planning/simulation.hpp"
+#include "robot/joint_ranges.hpp"
+
+namespace kdl_calibration {
+
+/// A plate with sockets that is put at several places. W is the plate's frame, and each place is a station.
+struct Plate {
+  std::vector<Eigen::Vector3d> sockets;  ///< [m] centres of a ball in them, in the plate's frame
+  int places = 4;
+};
+
+/// Sets the ball of the tool, the robot's only target, into the sockets in turn, with different joint values each time.
+/// The measured point of a row is the socket; the ball is off it by `sigma` [m] of each coordinate. The places are
+/// drawn where the arm reaches every socket within `ranges`; the robot's bases become those of the places. Throws
+/// InputError if no such place is found, for another number of targets and for mimic joints.
+Measurements touch(const Plate& plate, const JointRanges& ranges, Eigen::Index configurations, double sigma,
+                   Random& random, VirtualRobot& robot);
+
+}  // namespace kdl_calibration

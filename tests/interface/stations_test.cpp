@@ -1,0 +1,305 @@
+// Measurements from several stations: a tracker that is moved, and a plate with sockets that is put at several places.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "calibration/parameter_estimates.hpp"
+#include "effects/arm_kinematics.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/result_file.hpp"
+#include "kdl_calibration/validation.hpp"
+#include "planning/plate.hpp"
+#include "refusal.hpp"
+#include "support.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::stations_interface_test {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3Xd;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using testing::refusal;
+
+const Robot& fanuc() {
+  static const Robot robot = testing::fanuc();
+  return robot;
+}
+
+// A fit of the geometry with equal weights.
+CalibrationOptions plain() {
+  return {.priors = {.automatic = false},
+          .effects = {.groups = {}, .automatic = false},
+          .noise = {.weights = Weights::equal},
+          .validation = {.held_out = false},
+          .diagnosis = {.try_readings = false},
+          .threads = 1};
+}
+
+// Points of the targets in the base frame at fresh configurations.
+Matrix3Xd points(const ErrorModel& model, const Estimate& estimate, const MatrixXd& q) {
+  const ArmKinematics arm(model, estimate.errors, estimate.effects);
+  Matrix3Xd result(3, q.cols() * static_cast<Index>(estimate.targets.size()));
+  Index column = 0;
+  for (Index c = 0; c < q.cols(); ++c) {
+    for (const TargetFrame& target : estimate.targets) {
+      result.col(column++) = arm.flange_pose(q.col(c)) * target.X_FT.translation();
+    }
+  }
+  return result;
+}
+
+// The largest distance of the found points from the true ones after the best rigid motion: what is left of the base's
+// gauge is such a motion, what is left of the targets' does not move the points.
+double distance_up_to_gauge(const Matrix3Xd& found, const Matrix3Xd& truth) {
+  const Eigen::Matrix4d motion = Eigen::umeyama(found, truth, false);
+  return ((motion * found.colwise().homogeneous()).topRows<3>() - truth).colwise().norm().maxCoeff();
+}
+
+struct Tracker : testing::VirtualExperiment {
+  explicit Tracker(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
+
+  void move() { robot = at_stations(robot, 3, random); }
+  Measurements measured(int count, double noise = 0.0) {
+    return testing::without_sigmas(measure(count, {.sigma = noise}));
+  }
+};
+
+struct Ball : testing::VirtualExperiment {
+  explicit Ball(std::uint64_t seed = 1)
+      : VirtualExperiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(seed)}) {}
+
+  Measurements touched(int places, int count, double noise = 0.0,
+                       const std::vector<Eigen::Vector3d>& sockets = {{0.0, 0.0, 0.0}, {0.4, 0.0, 0.0}}) {
+    return testing::without_sigmas(touch({.sockets = sockets, .places = places}, ranges, count, noise, random, robot));
+  }
+};
+
+TEST(StationsOfATracker, AreExactWithoutNoise) {
+  Tracker experiment;
+  const Measurements measurements = experiment.measured(30);
+  const Calibration found = calibrate(fanuc(), measurements, plain());
+  EXPECT_TRUE(found.trusted());
+  const CalibrationParts& parts = found.parts();
+  EXPECT_EQ(found.estimated().size(), 27U + 3U * 6U);
+  const MatrixXd q = experiment.configurations(50);
+  const VirtualRobot& robot = experiment.robot;
+  EXPECT_LT(distance_up_to_gauge(points(parts.model, parts.estimate, q), points(robot.model, robot.truth, q)), 1e-9);
+  // Points in the frame of a station have no gauge.
+  const CalibratedArm arm = found.arm();
+  EXPECT_THAT(arm.stations(), ElementsAre("S1", "S2", "S3"));
+  for (std::size_t s = 0; s < 3; ++s) {
+    const PredictedPoint point = arm.predict(q.col(0), "A", PredictionFrame::measuring, arm.stations()[s]);
+    EXPECT_LT((point.position - robot.truth.base(s) * points(robot.model, robot.truth, q).col(0)).norm(), 1e-9);
+    EXPECT_LT((arm.base(arm.stations()[s]) * arm.predict(q.col(0), "A").position - point.position).norm(), 1e-12);
+  }
+}
+
+// Two sockets leave the rotation of the plate about their line undetermined: five directions of each place. The ball is
+// one target. One socket leaves all three rotations.
+TEST(PlacesOfAPlate, AreExactWithoutNoiseAndDetermineFiveDirectionsEach) {
+  for (const int places : {4, 6, 9}) {
+    Ball experiment(static_cast<std::uint64_t>(places));
+    const Measurements measurements = experiment.touched(places, 72);
+    const Calibration found = calibrate(fanuc(), measurements, plain());
+    EXPECT_TRUE(found.trusted()) << places;
+    EXPECT_TRUE(found.doubts().empty());
+    const auto arm = static_cast<int>(experiment.reduction.kept.size()) - 6;
+    EXPECT_EQ(found.estimated().size(), static_cast<std::size_t>(arm + 5 * places));
+    const CalibrationParts& parts = found.parts();
+    const MatrixXd q = experiment.configurations(50);
+    const VirtualRobot& robot = experiment.robot;
+    EXPECT_LT(distance_up_to_gauge(points(parts.model, parts.estimate, q), points(robot.model, robot.truth, q)), 1e-9)
+        << places;
+    EXPECT_TRUE(found.arm().predict(q.col(0), "A").covariance.allFinite());
+  }
+}
+
+// The residuals alone would let the predicted points show these rotations.
+TEST(PlacesOfAPlate, WithNoiseDetermineNoMore) {
+  Ball experiment(8);
+  const Calibration found = calibrate(fanuc(), experiment.touched(4, 40, 3e-5), plain());
+  EXPECT_TRUE(found.trusted());
+  EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 4);
+  const MatrixXd q = experiment.configurations(50);
+  const VirtualRobot& robot = experiment.robot;
+  EXPECT_LT(
+      distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
+      6e-4);
+}
+
+TEST(PlacesOfAPlate, WithOneSocketHoldThreeRotationsBesideATracker) {
+  Ball experiment(5);
+  const Measurements tracker = experiment.measure(30);  // from one place
+  const Measurements touches = experiment.touched(2, 20, 0.0, {{0.0, 0.0, 0.0}});
+  Measurements both = joined(testing::without_sigmas(tracker), [&] {
+    Measurements alone = touches;
+    alone.stations.clear();
+    for (Observation& observation : alone.observations) {
+      observation.station = 0;
+    }
+    return alone;
+  }());
+  both.stations = {"tracker", "P1", "P2"};
+  for (Observation& observation : both.observations) {
+    observation.station = static_cast<std::int16_t>(
+        observation.configuration < 30
+            ? 0
+            : 1 + touches.observations[static_cast<std::size_t>(observation.configuration) - 30].station);
+  }
+  const Calibration found = calibrate(fanuc(), both, plain());
+  EXPECT_TRUE(found.trusted());
+  EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 2U * 3U);
+  const MatrixXd q = experiment.configurations(50);
+  const VirtualRobot& robot = experiment.robot;
+  EXPECT_LT(
+      distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
+      1e-9);
+}
+
+TEST(Stations, AKnownBaseMakesTheFirstOffsetDetermined) {
+  Tracker experiment(3);
+  experiment.robot.truth.errors[static_cast<Index>(parameter_index(experiment.model, "dq1"))] = 2e-3;
+  const Measurements measurements = experiment.measured(30);
+  CalibrationOptions options = plain();
+  options.parameters.known_stations = {{"S2", experiment.robot.truth.base(1)}};
+  const Calibration found = calibrate(fanuc(), measurements, options);
+  EXPECT_NEAR(found.error("dq1"), 2e-3, 1e-9);
+  EXPECT_EQ(found.std("base[S2].Tx"), 0.0);
+  EXPECT_GT(found.std("base[S1].Tx"), 0.0);
+  options.parameters.known_stations = {{"S4", experiment.robot.truth.base(1)}};
+  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), measurements, options); }), HasSubstr("station 'S4'"));
+  options.parameters.known_stations.clear();
+  options.parameters.known_base = experiment.robot.truth.X_WB;
+  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), measurements, options); }),
+              HasSubstr("a known base without its station"));
+}
+
+TEST(Stations, ASavedResultPredictsTheSame) {
+  Tracker experiment(2);
+  const Measurements measurements = experiment.measured(30, 3e-5);
+  const Calibration found = calibrate(fanuc(), measurements, plain());
+  const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_stations_test.json";
+  write_result(file, fanuc(), measurements, found);
+  const Calibration again = load_calibration(file, fanuc());
+  std::filesystem::remove(file);
+  EXPECT_EQ(again.estimated(), found.estimated());
+  const VectorXd q = experiment.configurations(1).col(0);
+  for (const PredictionFrame frame : {PredictionFrame::base, PredictionFrame::measuring}) {
+    const PredictedPoint one = found.arm().predict(q, "B", frame, "S3");
+    const PredictedPoint other = again.arm().predict(q, "B", frame, "S3");
+    EXPECT_LT((one.position - other.position).norm(), 1e-12);
+    EXPECT_NEAR(one.radius_95, other.radius_95, 1e-12);
+    EXPECT_TRUE(one.covariance.isApprox(other.covariance, 1e-6));
+  }
+  EXPECT_THAT(refusal([&] { return found.arm().predict(q, "B", PredictionFrame::measuring); }),
+              HasSubstr("the measuring frame without its station, expected one of S1, S2, S3"));
+  EXPECT_THAT(refusal([&] { return found.arm().base("S4"); }), HasSubstr("station 'S4' was not measured"));
+  const PositionErrors errors = validate(again, experiment.measured(10, 3e-5));
+  EXPECT_LT(errors.all.rms, 2e-4);
+  ASSERT_EQ(errors.stations.size(), 3U);
+  EXPECT_LT((errors.stations[1].X_WB.translation() - experiment.robot.truth.base(1).translation()).norm(), 1e-3);
+}
+
+TEST(Stations, AutomaticChoicesAndFoldsWorkWithSeveral) {
+  Tracker experiment(6);
+  const Calibration found = calibrate(fanuc(), experiment.measured(36, 3e-5));
+  EXPECT_TRUE(found.trusted());
+  ASSERT_TRUE(found.accuracy().leave_one_out);
+  const double before = found.accuracy().leave_one_out->before.rms;
+  const double after = found.accuracy().leave_one_out->after.rms;
+  EXPECT_GT(before, 1e-3);
+  EXPECT_LT(after, 1.2e-4);
+  CalibrationOptions folds = plain();
+  folds.validation = {.k_fold = 4};
+  EXPECT_LT(calibrate(fanuc(), experiment.measured(36, 3e-5), folds).accuracy().k_fold->after.rms, 1.5e-4);
+}
+
+TEST(Stations, TwoStepIsRefused) {
+  Tracker experiment(1);
+  CalibrationOptions options;
+  options.estimator.method = Method::two_step;
+  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), experiment.measured(12), options); }),
+              HasSubstr("has several stations"));
+}
+
+// ---- Monte Carlo ---------------------------------------------------------------------------------------------------
+
+constexpr double kNoise = 3e-5;
+
+// Shares of the parameters within their 95 % intervals, and of new points within their radii.
+struct Coverage {
+  double inside = 0.0;
+  double parameters = 0.0;
+  double inside_radius = 0.0;
+  double points = 0.0;
+
+  void add(const Calibration& found, const VirtualRobot& robot) {
+    for (const ParameterEstimate& parameter : found.parameters()) {
+      if (parameter.joint.empty() || parameter.gauge || !(parameter.std > 0.0)) {
+        continue;
+      }
+      const double truth = robot.truth.errors[static_cast<Index>(parameter_index(robot.model, parameter.name))];
+      inside += std::abs(parameter.error - truth) < half_width_95(parameter.std, parameter.degrees_of_freedom) ? 1 : 0;
+      parameters += 1.0;
+    }
+  }
+  void add(const PredictedPoint& predicted, const Eigen::Vector3d& measured) {
+    inside_radius += (predicted.position - measured).norm() < predicted.radius_95 ? 1.0 : 0.0;
+    points += 1.0;
+  }
+  void expect() const {
+    EXPECT_GT(inside / parameters, 0.935);
+    EXPECT_LT(inside / parameters, 0.965);
+    if (points > 0.0) {
+      EXPECT_GT(inside_radius / points, 0.935);
+      EXPECT_LT(inside_radius / points, 0.965);
+    }
+  }
+};
+
+// The true errors are those of the reduced model, so that the gauge is that of the truth.
+TEST(StationsLongRun, IntervalsAndRadiiOfAMovedTrackerCover) {
+  Tracker experiment;
+  Coverage coverage;
+  for (std::uint64_t run = 0; run < 300; ++run) {
+    experiment.restart(Random(11, run));
+    experiment.move();
+    const Calibration found = calibrate(fanuc(), experiment.measured(24, kNoise), plain());
+    coverage.add(found, experiment.robot);
+    const MatrixXd q = experiment.configurations(9);
+    const Measurements fresh = experiment.measure(q, {.sigma = kNoise});
+    for (const Observation& o : fresh.observations) {
+      const std::string station = fresh.stations[static_cast<std::size_t>(o.station)];
+      coverage.add(found.arm().predict(q.col(o.configuration), fresh.targets[static_cast<std::size_t>(o.target)],
+                                       PredictionFrame::measuring, station),
+                   o.position);
+    }
+  }
+  coverage.expect();
+}
+
+TEST(StationsLongRun, IntervalsOfTouchedPlatesCover) {
+  Ball experiment;
+  Coverage coverage;
+  for (std::uint64_t run = 0; run < 300; ++run) {
+    experiment.restart(Random(12, run));
+    const Calibration found = calibrate(fanuc(), experiment.touched(4, 40, kNoise), plain());
+    coverage.add(found, experiment.robot);
+  }
+  coverage.expect();
+}
+
+}  // namespace
+}  // namespace kdl_calibration::stations_interface_test
