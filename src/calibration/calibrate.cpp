@@ -20,6 +20,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
@@ -330,6 +331,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
                             const CalibrationSettings& options) {
   const ErrorModel model = at_stations_of(measurements, arm);
   const TrainingRows rows(measurements);
+  require_rows_of_each_station(measurements, *rows);
   check_options(model, measurements, *rows, options);
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
   const FitProblem stated = rigid_problem(robot, *rows, options);

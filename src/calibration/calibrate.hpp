@@ -22,7 +22,7 @@ namespace kdl_calibration {
 /// estimator resolves candidates that the data cannot tell apart in the reduction's order: base, targets, joint
 /// offsets, links. A candidate is kept only if its column raises the rank. Dropped ones stay exactly at zero, and the
 /// result counts as rank deficient.
-CalibrationResult calibrate(const ErrorModel& model, const Measurements& measurements,
+CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measurements,
                             const CalibrationSettings& options = {});
 
 }  // namespace kdl_calibration

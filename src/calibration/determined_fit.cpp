@@ -52,9 +52,12 @@ Fitted identify(const FitProblem& problem, const EstimatorOptions& estimator, St
 }
 
 // Selects columns that raise the rank, those in `kept` first, then the others in the order of choice. A further column
-// must also be clearly independent of the kept ones.
-Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eigen::MatrixXd& sqrt_information) {
+// must also be clearly independent of the kept ones. Those in `last` come last.
+Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eigen::MatrixXd& sqrt_information,
+                    const std::vector<Eigen::Index>& last) {
   std::vector<Eigen::Index> order = candidates.order_of_choice();
+  std::stable_partition(order.begin(), order.end(),
+                        [&](Eigen::Index c) { return std::find(last.begin(), last.end(), c) == last.end(); });
   const auto others = std::stable_partition(order.begin(), order.end(), [&](Eigen::Index c) {
     const Unknown& unknown = candidates.columns()[static_cast<std::size_t>(c)];
     return kept.column(unknown.group, unknown.index).has_value();
@@ -99,7 +102,9 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
       return candidates;
     }
     const Eigen::MatrixXd sqrt_information = equations.whitened_summary(estimate).sqrt_information;
-    return sqrt_information.allFinite() ? determined(candidates, kept, sqrt_information) : free;
+    return sqrt_information.allFinite()
+               ? determined(candidates, kept, sqrt_information, equations.loose_columns(estimate))
+               : free;
   };
   free = determined_at(problem.start, Unknowns());
   Fitted fitted;

@@ -96,6 +96,9 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
                         .undetermined = result.undetermined,
                         .noise = new_point_noise(uncertain.noise),
                         .region = result.region};
+  if (!model.stations.empty()) {
+    basis.estimate.X_WB.setIdentity();  // predictions in the base frame, along its axes
+  }
   const PointPredictor predictor(basis);
   const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
   const auto at_measured = [&] {

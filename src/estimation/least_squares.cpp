@@ -43,48 +43,23 @@ const ErrorModel& checked(const ErrorModel& model, const Measurements& measureme
   return model;
 }
 
+// The rotations as motions of the base, in `count` columns. None if a column of the base is fixed.
+MatrixXd motions_of_base(const LooseRotations& loose, const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns,
+                         Index count) {
+  const bool free = std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+  MatrixXd result = MatrixXd::Zero(count, free ? loose.axes.cols() : 0);
+  for (Index i = 0; i < result.cols(); ++i) {
+    const Eigen::Vector3d turn = X_WB.linear().transpose() * loose.axes.col(i);
+    Vector6d motion;
+    motion << (X_WB.inverse() * loose.centre).cross(turn), turn;
+    result(columns, i) = motion;
+  }
+  return result;
+}
+
 }  // namespace
 
 struct LeastSquaresProblem::Data {
-  // Rotations of a station that its points do not show: about the line that they lie on, or about the point.
-  struct LooseRotations {
-    Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // [m] of the points in W
-    Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    // in W
-
-    explicit LooseRotations(const Measurements& station) {
-      constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points from the axis
-      const bool oriented = std::any_of(station.orientations.begin(), station.orientations.end(),
-                                        [](const Eigen::Quaterniond& turn) { return !is_point(turn); });
-      if (station.observations.empty() || oriented) {
-        return;
-      }
-      const auto count = static_cast<double>(station.observations.size());
-      for (const Observation& observation : station.observations) {
-        centre += observation.position / count;
-      }
-      Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();  // of the levers
-      for (const Observation& observation : station.observations) {
-        const Eigen::Matrix3d arm = skew(Eigen::Vector3d(observation.position - centre));
-        squares += arm.transpose() * arm / count;
-      }
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spectrum(squares);
-      axes = spectrum.eigenvectors().leftCols((spectrum.eigenvalues().array() < kShortest * kShortest).count());
-    }
-
-    // As motions of the base, in these of `count` columns. None if a column is fixed.
-    MatrixXd motions(const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns, Index count) const {
-      const bool free = std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
-      MatrixXd result = MatrixXd::Zero(count, free ? axes.cols() : 0);
-      for (Index i = 0; i < result.cols(); ++i) {
-        const Eigen::Vector3d turn = X_WB.linear().transpose() * axes.col(i);
-        Vector6d motion;
-        motion << (X_WB.inverse() * centre).cross(turn), turn;
-        result(columns, i) = motion;
-      }
-      return result;
-    }
-  };
-
   // The rows of one of several stations, and the columns of its unknowns among all.
   struct Part {
     std::size_t station;
@@ -184,7 +159,7 @@ std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of
     for (std::size_t i = 0; !options.row_weights.empty() && i < own.rows.size(); ++i) {
       residuals.row_weights.push_back(options.row_weights[own.rows[i]]);
     }
-    Part& part = result.emplace_back(Part{station, {}, nullptr, LooseRotations(own.measurements)});
+    Part& part = result.emplace_back(Part{station, {}, nullptr, loose_rotations(own.measurements)});
     const std::vector<bool> marked = unknowns.at_station(station);
     for (std::size_t column = 0; column < marked.size(); ++column) {
       if (marked[column]) {
@@ -370,10 +345,24 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
   WhitenedSummary result = summary.finish();
   for (const Data::Part& part : data_->parts) {
     const MatrixXd loose =
-        part.loose.motions(estimate.base(part.station), data_->unknowns.base_columns(part.station), columns);
+        motions_of_base(part.loose, estimate.base(part.station), data_->unknowns.base_columns(part.station), columns);
     if (loose.cols() > 0) {
       result.sqrt_information -=
           result.sqrt_information * loose * loose.completeOrthogonalDecomposition().pseudoInverse();
+    }
+  }
+  return result;
+}
+
+std::vector<Index> LeastSquaresProblem::loose_columns(const Estimate& estimate) const {
+  std::vector<Index> result;
+  for (const Data::Part& part : data_->parts) {
+    const std::array<int, 6>& columns = data_->unknowns.base_columns(part.station);
+    const MatrixXd loose = motions_of_base(part.loose, estimate.base(part.station), columns, this->columns());
+    for (Index i = 0; i < loose.cols(); ++i) {
+      Index most = 0;
+      loose(std::vector<int>(columns.begin() + 3, columns.end()), i).cwiseAbs().maxCoeff(&most);
+      result.push_back(columns[static_cast<std::size_t>(most + 3)]);
     }
   }
   return result;

@@ -2,6 +2,7 @@
 
 // Not installed.
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -22,6 +23,16 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
 
 /// The station of each configuration; 0 for those without rows.
 std::vector<std::int16_t> stations_of_configurations(const Measurements& measurements);
+
+/// Rotations of a station that its points do not show: about the line that they are on, or all if they are one point.
+struct LooseRotations {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< [m] of the points in W
+  Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    ///< unit vectors in W; none if orientations were measured
+};
+LooseRotations loose_rotations(const Measurements& station);
+
+/// Throws InputError if a station of several has rows, but none of them is in `fitted`.
+void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted);
 
 /// Throws InputError if the measurements have several stations. `what` does not support them.
 void require_one_station(const Measurements& measurements, const std::string& what);

@@ -117,7 +117,8 @@ Json finite_array(const Eigen::Vector3d& v) {
   return Json::array({finite_or_null(v.x()), finite_or_null(v.y()), finite_or_null(v.z())});
 }
 
-Json asked_json(const std::vector<AskedPoint>& points) {
+// `in_base`: whether W is the base frame, as the measurements have several frames.
+Json asked_json(const std::vector<AskedPoint>& points, bool in_base) {
   Json result = Json::array();
   for (const AskedPoint& point : points) {
     Json intervals = Json::array();
@@ -128,7 +129,7 @@ Json asked_json(const std::vector<AskedPoint>& points) {
                       {"target", point.target},
                       {"position", array(point.position)},
                       {"position_nominal", array(point.nominal)},
-                      {"position_measured_frame", array(point.position_W)},
+                      {"position_measured_frame", in_base ? Json(nullptr) : array(point.position_W)},
                       {"std", finite_array(point.std)},
                       {"interval_95", intervals},
                       {"sigma", finite_or_null(point.sigma)},
@@ -211,7 +212,7 @@ Json earlier_json(const EarlierComparison& comparison) {
           {"changes", changes}};
 }
 
-Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise) {
+Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise, bool in_base) {
   Json result = {{"budget", budget_json(noise, predicted.measured)},
                  {"measured", statistics_json(predicted.measured)},
                  {"workspace", statistics_json(predicted.workspace)},
@@ -220,7 +221,7 @@ Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise
                  {"region", region_json(predicted.region)},
                  {"cells", cells_json(predicted.cells)}};
   if (!predicted.asked.empty()) {
-    result["asked"] = asked_json(predicted.asked);
+    result["asked"] = asked_json(predicted.asked, in_base);
   }
   return result;
 }
@@ -271,7 +272,8 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                              {"p_value", lack.p_value},
                              {"explained_by_joint", lack.explained_by_joint}};
   }
-  result["predicted_accuracy"] = predicted_json(calibration.uncertainty.predicted, calibration.noise);
+  result["predicted_accuracy"] =
+      predicted_json(calibration.uncertainty.predicted, calibration.noise, !calibration.model.stations.empty());
   if (calibration.uncertainty.predicted.undetermined.cols() > 0) {
     result["undetermined"] =
         undetermined_json(calibration.fit.candidates, calibration.uncertainty.predicted.undetermined);

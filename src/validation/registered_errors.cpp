@@ -70,6 +70,7 @@ Measurements rows_to_register(Measurements measurements) {
 
 RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                    const Measurements& to_register, const RegistrationOptions& known) {
+  require_rows_of_each_station(measurements, *TrainingRows(to_register));
   RegisteredErrors result{.registration = register_base_and_targets(X_BF, to_register, known)};
   result.freedom = freedom_of(*TrainingRows(to_register), known, result.registration);
   require_freedom(result.freedom, measurements.source);

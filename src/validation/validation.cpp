@@ -12,6 +12,7 @@
 #include "base/random.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/same_poses.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "validation/folds.hpp"
@@ -150,6 +151,42 @@ std::vector<std::vector<Eigen::Index>> neighbours(const Measurements& measuremen
   return result;
 }
 
+// The rows of a station to fit without those of a fold.
+Measurements rest_of(const Measurements& station, const std::vector<Eigen::Index>& fold) {
+  return subset(station, [&](const Observation& o) {
+    return o.split == Split::train && std::find(fold.begin(), fold.end(), o.configuration) == fold.end();
+  });
+}
+
+// Takes configurations out of the folds without which their station would lose its base: no fit would predict them.
+// Leaves the folds alone if that takes all.
+void keep_bases(const Measurements& measurements, std::vector<std::vector<Eigen::Index>>& folds) {
+  constexpr std::size_t kEnough = 10;  // configurations beside the fold
+  std::vector<std::vector<Eigen::Index>> kept = folds;
+  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
+  for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
+    const Measurements own = rows_of_station(measurements, s).measurements;
+    const Eigen::Index open = loose_rotations(rest_of(own, {})).axes.cols();
+    const auto all =
+        static_cast<std::size_t>(std::count(stations.begin(), stations.end(), static_cast<std::int16_t>(s)));
+    for (std::vector<Eigen::Index>& fold : kept) {
+      const auto is_own = [&](Eigen::Index c) { return stations[static_cast<std::size_t>(c)] == static_cast<int>(s); };
+      const auto left_out = static_cast<std::size_t>(std::count_if(fold.begin(), fold.end(), is_own));
+      if (left_out == 0 || all > left_out + kEnough) {
+        continue;
+      }
+      const Measurements rest = rest_of(own, fold);
+      if (rest.observations.empty() || loose_rotations(rest).axes.cols() > open) {
+        std::erase_if(fold, is_own);
+      }
+    }
+  }
+  std::erase_if(kept, [](const std::vector<Eigen::Index>& fold) { return fold.empty(); });
+  if (!kept.empty()) {
+    folds = std::move(kept);
+  }
+}
+
 }  // namespace
 
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed) {
@@ -168,6 +205,7 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
     std::vector<Eigen::Index>& fold = result[i % result.size()];
     fold.insert(fold.end(), configurations[i].begin(), configurations[i].end());
   }
+  keep_bases(measurements, result);
   return result;
 }
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <set>
@@ -137,6 +138,43 @@ TEST(PlacesOfAPlate, WithNoiseDetermineNoMore) {
   EXPECT_LT(
       distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
       6e-4);
+}
+
+// A poor choice of the rotation to hold would let a base wander, and errors take its place that nothing moves back.
+TEST(PlacesOfAPlate, WithSocketsOnALineHoldTheRotationAboutIt) {
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    Ball experiment(seed);
+    const Measurements touches = experiment.touched(4, 40, 3e-5, {{0.0, 0.0, 0.0}, {0.1, 0.1, 0.1}, {0.3, 0.3, 0.3}});
+    const Calibration found = calibrate(fanuc(), touches, plain());
+    const std::vector<std::string> estimated = found.estimated();
+    EXPECT_EQ(estimated.size(), experiment.reduction.kept.size() - 6 + 5 * 4) << seed;
+    for (const ParameterEstimate& parameter : found.parameters()) {
+      if (!parameter.joint.empty() &&
+          std::find(estimated.begin(), estimated.end(), parameter.name) == estimated.end()) {
+        EXPECT_EQ(parameter.error, 0.0) << seed << ' ' << parameter.name;
+      }
+    }
+  }
+}
+
+TEST(Stations, OfOneConfigurationAreNotLeftOut) {
+  Tracker experiment(7);
+  const Measurements few = subset(experiment.measured(30, 3e-5),
+                                  [](const Observation& o) { return o.station < 2 || o.configuration == 29; });
+  CalibrationOptions options = plain();
+  options.validation.held_out = true;
+  const Calibration found = calibrate(fanuc(), few, options);
+  EXPECT_EQ(found.accuracy().leave_one_out->after.count, 3 * 20);
+}
+
+TEST(Stations, OfTestRowsAloneAreRefused) {
+  Tracker experiment(8);
+  Measurements measurements = experiment.measured(30, 3e-5);
+  for (Observation& observation : measurements.observations) {
+    observation.split = observation.station == 2 ? Split::test : Split::train;
+  }
+  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), measurements, plain()); }),
+              HasSubstr("station 'S3' has test rows alone"));
 }
 
 TEST(PlacesOfAPlate, WithOneSocketHoldThreeRotationsBesideATracker) {
