@@ -176,6 +176,9 @@ void add_symmetric_product(double scale, const Factor& A, const Factor& B, Ref<M
 
 bool factorise(Ref<MatrixXd> A) {
   const Index n = A.rows();
+  if (n == 0) {
+    return true;
+  }
   if (n <= kSmall) {
     return Eigen::LLT<Ref<MatrixXd>>(A).info() == Eigen::Success;
   }

@@ -209,25 +209,24 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
   for (Index c = 0; c < columns; ++c) {
     ValueUncertainty& value = result.emplace_back();
     value.degrees_of_freedom = noise.freedom_of_covariance();
-    // Skip zero coefficients, so that an infinite variance affects only values that depend on it.
-    VectorXd along = VectorXd::Zero(columns);
+    // Without zero coefficients, so that an infinite variance affects only values that depend on it.
+    std::vector<Index> used;
     double variance = 0.0;
     for (Index i = 0; i < columns; ++i) {
-      const double row = printed(c, i);
-      if (row != 0.0 && !std::isfinite(covariance(i, i))) {
-        variance = covariance(i, i);
+      if (printed(c, i) != 0.0) {
+        used.push_back(i);
+        variance = std::isfinite(covariance(i, i)) ? variance : covariance(i, i);
       }
-      along += row == 0.0 ? VectorXd::Zero(columns).eval() : VectorXd(row * covariance.col(i));
     }
-    along = along.unaryExpr([](double a) { return std::isfinite(a) ? a : 0.0; });
-    variance += printed.row(c).dot(along);
+    const VectorXd row = printed.row(c).transpose()(used);
+    const VectorXd along = covariance(used, used) * row;
+    variance += row.dot(along.unaryExpr([](double a) { return std::isfinite(a) ? a : 0.0; }));
     value.std = std::sqrt(variance);
     if (noise.parts && std::isfinite(variance)) {
-      const VectorXd row = printed.row(c).transpose();
       NoiseParts::Variances gradient = NoiseParts::Variances::Zero();
       for (Index k = 0; k < NoiseParts::kCount; ++k) {
         const MatrixXd& slope = noise.covariance_derivatives[static_cast<std::size_t>(k)];
-        gradient[k] = slope.size() > 0 ? row.dot(slope * row) : 0.0;
+        gradient[k] = slope.size() > 0 ? row.dot(slope(used, used) * row) : 0.0;
       }
       value.degrees_of_freedom = noise.parts->freedom(variance, gradient);
     }

@@ -14,15 +14,15 @@ namespace {
 
 bool has_effects(const ValidationTask& compared) { return !compared.fit.free.effects().empty(); }
 
-// The estimate that a URDF can represent: if effects were fitted, a fit without them.
-Estimate rigid_fit(const ValidationTask& compared) {
+// The fit that a URDF can represent: if effects were fitted, a fit without them.
+Identification rigid_fit(const ValidationTask& compared) {
   if (!has_effects(compared)) {
-    return compared.fit.identification.estimate;
+    return compared.fit.identification;
   }
   FitProblem rigid = compared.problem;
   rigid.free = compared.fit.free.without(UnknownGroup::effects);
   rigid.options = compared.rigid_options;
-  return fit(rigid).estimate;
+  return fit(rigid);
 }
 
 using Folds = std::vector<std::vector<Eigen::Index>>;
@@ -39,6 +39,19 @@ bool is_many(const Folds& folds) {
     count += fold.size();
   }
   return count > kMostLeftOutSingly;
+}
+
+// Errors [m] at left-out configurations, predicted from the linear system at the optimum, where the problem starts.
+std::vector<double> folds_by_downdates(const FitProblem& problem, const Folds& folds, double noise, int threads) {
+  if (is_many(folds)) {
+    return cross_validate_by_sums(problem, folds, noise, threads).distances;
+  }
+  const Eigen::MatrixXd sqrt_information =
+      LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
+          .whitened_summary(problem.start)
+          .sqrt_information;
+  return distances_of(
+      predict_folds({.problem = problem, .sqrt_information = sqrt_information, .noise = noise}, folds, threads));
 }
 
 constexpr double kShareOfNominal = 1e-5;
@@ -58,13 +71,7 @@ std::vector<double> nominal_folds(const ValidationTask& compared, const Folds& f
   options.joint.residuals.orientation_length = task.options.joint.residuals.orientation_length;
   const FitProblem registered{
       .model = task.model, .measurements = task.measurements, .start = task.start, .free = frames, .options = options};
-  if (is_many(folds)) {
-    return cross_validate_by_sums(registered, folds, noise, compared.choice.threads).distances;
-  }
-  const LeastSquaresProblem problem(task.model, task.measurements, frames, options.joint.residuals);
-  const Eigen::MatrixXd sqrt_information = problem.whitened_summary(task.start).sqrt_information;
-  return distances_of(predict_folds({.problem = registered, .sqrt_information = sqrt_information, .noise = noise},
-                                    folds, compared.choice.threads));
+  return folds_by_downdates(registered, folds, noise, compared.choice.threads);
 }
 
 // Left-out configurations and their predictions.
@@ -74,25 +81,15 @@ struct PredictedFolds {
   std::vector<std::string> warnings;
 };
 
-// Each fold predicted by the nominal, the calibrated and the rigid robot.
+// Each fold predicted by the nominal, the calibrated and the rigid robot. `rigid`: the fit of the latter.
 PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& folds, const std::string& name,
-                               double nominal) {
+                               double nominal, const Identification& rigid) {
   const FitProblem& task = compared.problem;
-  const Estimate& estimate = compared.fit.identification.estimate;
-  const auto left_out = [&](const ErrorModel& model, const Unknowns& free, const Estimate& start,
-                            const FitOptions& options) {
-    return cross_validate({.model = model,
-                           .measurements = task.measurements,
-                           .start = start,
-                           .free = free,
-                           .options = counting(options, compared, name, folds.size())},
-                          folds, compared.choice.threads);
-  };
   PredictedFolds result;
   HoldOut after;
   const FitProblem fitted{.model = task.model,
                           .measurements = task.measurements,
-                          .start = estimate,
+                          .start = compared.fit.identification.estimate,
                           .free = compared.fit.free,
                           .options = counting(task.options, compared, name, folds.size())};
   if (compared.root != nullptr && is_many(folds)) {
@@ -109,7 +106,7 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
              .not_converged = prediction.not_converged};
     result.points = std::move(prediction.points);
   } else {
-    after = left_out(task.model, compared.fit.free, estimate, task.options);
+    after = cross_validate(fitted, folds, compared.choice.threads);
   }
   if (after.not_converged > 0) {
     result.warnings.push_back(
@@ -120,10 +117,16 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
   if (has_effects(compared)) {
     ErrorModel model = task.model;
     model.effects.clear();
-    Estimate rigid = estimate;  // unknowns that are not free keep their values
-    rigid.effects.resize(0);
-    const Unknowns free = compared.fit.free.without(UnknownGroup::effects);
-    result.errors.rigid = error_statistics(left_out(model, free, rigid, compared.rigid_options).distances);
+    FitProblem problem{.model = model,
+                       .measurements = task.measurements,
+                       .start = rigid.estimate,
+                       .free = compared.fit.free.without(UnknownGroup::effects),
+                       .options = counting(compared.rigid_options, compared, name, folds.size())};
+    problem.start.effects.resize(0);
+    result.errors.rigid =
+        error_statistics(compared.root != nullptr && has_converged(rigid)
+                             ? folds_by_downdates(problem, folds, compared.noise, compared.choice.threads)
+                             : cross_validate(problem, folds, compared.choice.threads).distances);
   }
   return result;
 }
@@ -223,8 +226,8 @@ std::vector<std::string> said_of_neighbours(const Folds& singly, const Measureme
                   together)};
 }
 
-// Adds the errors at left-out configurations to `rows`.
-Validation hold_out(const ValidationTask& compared, Accuracy rows) {
+// Adds the errors at left-out configurations to `rows`. `rigid`: the fit of the robot that a URDF can represent.
+Validation hold_out(const ValidationTask& compared, Accuracy rows, const Identification& rigid) {
   const FitProblem& task = compared.problem;
   const ValidationOptions& options = compared.options;
   const Folds singly = make_folds(task.measurements, 0);
@@ -240,7 +243,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows) {
     return result;
   }
   const auto predict = [&](const Folds& folds, const std::string& name) {
-    PredictedFolds predicted = predicted_folds(compared, folds, name, accuracy.train.before.rms);
+    PredictedFolds predicted = predicted_folds(compared, folds, name, accuracy.train.before.rms, rigid);
     result.held_out_points = std::move(predicted.points);
     result.warnings.insert(result.warnings.end(), predicted.warnings.begin(), predicted.warnings.end());
     return predicted.errors;
@@ -300,9 +303,9 @@ Accuracy with_nominal_exported(Accuracy accuracy) {
 }
 
 Validation validate(const ValidationTask& compared) {
-  const Estimate rigid = rigid_fit(compared);
-  Validation result = hold_out(compared, compare_rows(compared, rigid));
-  result.exported = exported_urdf(compared, result.accuracy, rigid);
+  const Identification rigid = rigid_fit(compared);
+  Validation result = hold_out(compared, compare_rows(compared, rigid.estimate), rigid);
+  result.exported = exported_urdf(compared, result.accuracy, rigid.estimate);
   return result;
 }
 

@@ -111,12 +111,15 @@ struct LeastSquaresProblem::Data {
 
   bool side_by_side() const { return !observed.groups.empty(); }
 
-  bool is_summarised_side_by_side() const {
+  // Whether a Cholesky factor saves much beside a QR decomposition of the rows.
+  bool has_much() const {
+    constexpr std::size_t kUsualColumns = 30;
     std::size_t count = 0;
     for (const LaneGroup& group : observed.groups) {
       count += group.configurations;
     }
-    return count > kManyConfigurations && std::all_of(observed.groups.begin(), observed.groups.end(), has_summary);
+    const auto columns = static_cast<std::size_t>(unknowns.size());
+    return count * std::max(columns, kUsualColumns) > kManyConfigurations * kUsualColumns;
   }
 
   // Residuals of the priors, without allocation.
@@ -131,8 +134,8 @@ struct LeastSquaresProblem::Data {
     return workspace.left;
   }
 
-  std::optional<WhitenedSummary> summary_of_groups(const Estimate& estimate, const MatrixXd& information,
-                                                   LaneWorkspace& workspace) const;
+  WhitenedSummary summary_of_groups(const Estimate& estimate, MatrixXd sqrt_information,
+                                    LaneWorkspace& workspace) const;
 
   const ErrorModel& model;
   const Unknowns unknowns;
@@ -329,16 +332,18 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
 
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
   data_->require_fit(estimate);
-  if (data_->is_summarised_side_by_side()) {
+  std::optional<MatrixXd> root;
+  if (data_->has_much()) {
     Workspace workspace;
     NormalEquations equations;
     linearise(estimate, workspace, equations);
-    if (auto summary = data_->summary_of_groups(estimate, equations.hessian, workspace.content_->lanes)) {
-      return std::move(*summary);
+    root = well_conditioned_root(equations.hessian);
+    if (root && std::all_of(data_->observed.groups.begin(), data_->observed.groups.end(), has_summary)) {
+      return data_->summary_of_groups(estimate, std::move(*root), workspace.content_->lanes);
     }
   }
   const Index columns = data_->unknowns.size();
-  RowSummary summary(columns);
+  RowSummary summary(columns, std::move(root));
   data_->visit_whitened(
       estimate, [&](const MatrixXd& rows) { summary.add_configuration(rows.leftCols(columns), rows.col(columns)); });
   summary.add_priors(MatrixXd(data_->priors.rows));
@@ -368,16 +373,10 @@ std::vector<Index> LeastSquaresProblem::loose_columns(const Estimate& estimate) 
   return result;
 }
 
-// Empty if the information is too badly conditioned for a Cholesky factor.
-std::optional<WhitenedSummary> LeastSquaresProblem::Data::summary_of_groups(const Estimate& estimate,
-                                                                            const MatrixXd& information,
-                                                                            LaneWorkspace& workspace) const {
-  std::optional<MatrixXd> root = well_conditioned_root(information);
-  if (!root) {
-    return std::nullopt;
-  }
+WhitenedSummary LeastSquaresProblem::Data::summary_of_groups(const Estimate& estimate, MatrixXd sqrt_information,
+                                                             LaneWorkspace& workspace) const {
   WhitenedSummary summary;
-  summary.sqrt_information = std::move(*root);
+  summary.sqrt_information = std::move(sqrt_information);
   summary.priors = prior_information;
   summary.sums = MatrixXd::Zero(unknowns.size(), unknowns.size());
   lanes.summarise(estimate, workspace, summary);

@@ -45,8 +45,9 @@ public:
   double cost(const Estimate& estimate, Workspace& workspace) const;
   WhitenedSystem whitened(const Estimate& estimate) const;
   /// As summarised(whitened(estimate)), in constant memory. Above kManyConfigurations configurations on the lane pass,
-  /// the triangular factor is a Cholesky factor of the information if its condition allows. Rotations of one of several
-  /// stations about the line or the point that its points are on get no information: only residuals would show them.
+  /// fewer with more than 30 columns, the triangular factor is a Cholesky factor of the information if its condition
+  /// allows. Rotations of one of several stations about the line or the point that its points are on get no
+  /// information: only residuals would show them.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
   /// For each of these rotations the column of the base that turns most about its axis: the one to hold.
   std::vector<Eigen::Index> loose_columns(const Estimate& estimate) const;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/dense.hpp"
 #include "base/preconditions.hpp"
 #include "model/kinematics.hpp"
 
@@ -18,6 +19,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr Index kRowsAtOnce = 512;
+constexpr Index kSumsAtOnce = 64;  // configurations
 
 }  // namespace
 
@@ -34,11 +36,11 @@ std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
     return std::nullopt;
   }
   const VectorXd inverse = norms.cwiseInverse();
-  const Eigen::LLT<MatrixXd> root(inverse.asDiagonal() * information * inverse.asDiagonal());
-  if (root.info() != Eigen::Success || !(root.matrixLLT().diagonal().minCoeff() > kSmallestPivot)) {
+  MatrixXd root = inverse.asDiagonal() * information * inverse.asDiagonal();
+  if (!factorise(root) || !(root.diagonal().minCoeff() > kSmallestPivot)) {
     return std::nullopt;
   }
-  return MatrixXd(root.matrixU()) * norms.asDiagonal();
+  return MatrixXd(root.triangularView<Eigen::Lower>().transpose()) * norms.asDiagonal();
 }
 
 WhitenedSummary summarised(const WhitenedSystem& system) {
@@ -58,7 +60,11 @@ WhitenedSummary summarised(const WhitenedSystem& system) {
   return summary.finish();
 }
 
-RowSummary::RowSummary(Index columns) : columns_(columns), rows_(columns + kRowsAtOnce, columns), sum_(3, columns) {
+RowSummary::RowSummary(Index columns, std::optional<MatrixXd> sqrt_information)
+    : columns_(columns),
+      known_(std::move(sqrt_information)),
+      rows_(known_ ? 0 : columns + kRowsAtOnce, columns),
+      sums_(3 * kSumsAtOnce, columns) {
   summary_.priors = MatrixXd::Zero(columns, columns);
   summary_.sums = MatrixXd::Zero(columns, columns);
 }
@@ -68,11 +74,15 @@ void RowSummary::add_configuration(const Eigen::Ref<const MatrixXd>& jacobian,
   require_count("residuals of a configuration", residual.size(), jacobian.rows());
   append(jacobian);
   const Index points = residual.size() / 3;
-  sum_.setZero();
-  for (Index i = 0; i < points; ++i) {
-    sum_ += jacobian.middleRows<3>(3 * i);
+  if (summed_ == sums_.rows()) {
+    add_sums();
   }
-  summary_.sums.noalias() += sum_.transpose() * sum_;
+  auto sum = sums_.middleRows<3>(summed_);
+  sum.setZero();
+  for (Index i = 0; i < points; ++i) {
+    sum += jacobian.middleRows<3>(3 * i);
+  }
+  summed_ += 3;
   const Eigen::Map<const Matrix3Xd> e(residual.data(), 3, points);
   summary_.squares += e.squaredNorm();
   summary_.squares_of_sums += e.rowwise().sum().squaredNorm();
@@ -87,20 +97,31 @@ void RowSummary::add_priors(const Eigen::Ref<const MatrixXd>& rows) {
 }
 
 WhitenedSummary RowSummary::finish() {
+  add_sums();
+  summary_.sums.triangularView<Eigen::StrictlyUpper>() = summary_.sums.transpose();
   make_triangle();
-  summary_.sqrt_information = rows_.topRows(filled_);
+  summary_.sqrt_information = known_ ? std::move(*known_) : MatrixXd(rows_.topRows(filled_));
   return std::move(summary_);
 }
 
 void RowSummary::append(const Eigen::Ref<const MatrixXd>& rows) {
   require_count("columns of rows", rows.cols(), columns_);
+  summary_.rows += rows.rows();
+  if (known_) {
+    return;
+  }
   if (filled_ + rows.rows() > rows_.rows()) {
     make_triangle();
     rows_.conservativeResize(std::max(rows_.rows(), filled_ + rows.rows()), Eigen::NoChange);
   }
   rows_.middleRows(filled_, rows.rows()) = rows;
   filled_ += rows.rows();
-  summary_.rows += rows.rows();
+}
+
+void RowSummary::add_sums() {
+  const Factor transposed = factor(sums_.topRows(summed_)).transposed();
+  add_symmetric_product(1.0, transposed, transposed, summary_.sums);
+  summed_ = 0;
 }
 
 void RowSummary::make_triangle() {

@@ -45,11 +45,11 @@ struct WhitenedSummary {
 };
 WhitenedSummary summarised(const WhitenedSystem& system);
 
-/// Summarises rows added configuration by configuration. Every few hundred rows are reduced to a triangular factor
-/// together with the previous one, so that the memory is constant.
+/// Summarises rows added configuration by configuration, in constant memory. Without a known square root of their
+/// information, every few hundred rows are reduced to a triangular factor together with the previous one.
 class RowSummary {
 public:
-  explicit RowSummary(Eigen::Index columns);
+  explicit RowSummary(Eigen::Index columns, std::optional<Eigen::MatrixXd> sqrt_information = std::nullopt);
 
   void add_configuration(const Eigen::Ref<const Eigen::MatrixXd>& jacobian,
                          const Eigen::Ref<const Eigen::VectorXd>& residual);
@@ -61,11 +61,14 @@ public:
 private:
   void append(const Eigen::Ref<const Eigen::MatrixXd>& rows);
   void make_triangle();
+  void add_sums();
 
   Eigen::Index columns_;
+  std::optional<Eigen::MatrixXd> known_;
   Eigen::MatrixXd rows_;
   Eigen::Index filled_ = 0;
-  Eigen::MatrixXd sum_;
+  Eigen::MatrixXd sums_;  // s(J_c) of some configurations
+  Eigen::Index summed_ = 0;
   WhitenedSummary summary_;
 };
 

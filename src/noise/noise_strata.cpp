@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/stations.hpp"
@@ -44,14 +45,37 @@ WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurem
 }  // namespace
 
 void Stratum::add_row(const Eigen::RowVectorXd& row, double residual, double factor) {
+  constexpr Index kTogether = 64;
   if (!predicted) {
     predicted = true;
     information = MatrixXd::Zero(row.size(), row.size());
     gradient = VectorXd::Zero(row.size());
+    pending.resize(kTogether, row.size());
+    factors.resize(kTogether);
   }
-  information.selfadjointView<Eigen::Lower>().rankUpdate(row.transpose(), factor);
+  if (count_of_pending == kTogether) {
+    add_pending();
+  }
+  pending.row(count_of_pending) = row;
+  factors[count_of_pending++] = factor;
   gradient += factor * residual * row.transpose();
   squares += factor * residual * residual;
+}
+
+void Stratum::add_pending() {
+  const auto rows = pending.topRows(count_of_pending);
+  const MatrixXd weighted = factors.head(count_of_pending).asDiagonal() * rows;
+  add_symmetric_product(1.0, kdl_calibration::factor(weighted).transposed(), kdl_calibration::factor(rows).transposed(),
+                        information);
+  count_of_pending = 0;
+}
+
+void Stratum::complete() {
+  if (predicted) {
+    add_pending();
+    information.triangularView<Eigen::StrictlyUpper>() = information.transpose();
+    pending.resize(0, 0);
+  }
 }
 
 NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions& options)
@@ -133,7 +157,7 @@ std::vector<Stratum> NoiseStrata::finished() const {
         Stratum& mean = result.emplace_back(stratum);
         mean.coefficients /= mean.summed;
         mean.known /= mean.summed;
-        mean.information = MatrixXd(mean.information.selfadjointView<Eigen::Lower>());
+        mean.complete();
       }
     }
   }
@@ -208,11 +232,15 @@ void NoiseStrata::add_means(const Means& means) {
     double residuals = 0.0;
     for (std::size_t t = 0; t < means.residuals.size(); ++t) {
       const Eigen::RowVectorXd row = means.jacobians[t].row(axis);
-      deviation.add_row(row, means.residuals[t][axis], 1.0);
+      if (targets > 1) {
+        deviation.add_row(row, means.residuals[t][axis], 1.0);
+      }
       sum += row;
       residuals += means.residuals[t][axis];
     }
-    deviation.add_row(sum, residuals, -1.0 / T);
+    if (targets > 1) {
+      deviation.add_row(sum, residuals, -1.0 / T);
+    }
     mean.add_row(sum, residuals, 1.0 / T);
     mean.count += 1.0;
     deviation.count += T - 1.0;

@@ -25,9 +25,15 @@ struct Stratum {
   double count = 0.0;
   NoiseParts::Variances coefficients = NoiseParts::Variances::Zero();
   double known = 0.0;
-  double summed = 0.0;  // configurations summed in coefficients and known, until divided to means
+  double summed = 0.0;      // configurations summed in coefficients and known, until divided to means
+  Eigen::MatrixXd pending;  // rows whose products are added together
+  Eigen::VectorXd factors;  // of these rows
+  Eigen::Index count_of_pending = 0;
 
   void add_row(const Eigen::RowVectorXd& row, double residual, double factor);
+  /// Adds to the information the rows that are still pending. Call it after the last row.
+  void complete();
+  void add_pending();
   bool is_of_orientations() const { return coefficients[NoiseParts::kOrientation] != 0.0; }
   /// Whether it holds means of positions.
   bool is_of_means() const { return predicted && !is_of_orientations(); }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/dense.hpp"
 #include "base/distributions.hpp"
 #include "estimation/linear_system.hpp"
 
@@ -81,6 +82,26 @@ VectorXd nonnegative_minimum(const MatrixXd& normal, const VectorXd& right) {
     }
   }
   return scale.cwiseProduct(x);
+}
+
+// Inverts a symmetric matrix. Returns the logarithm of its determinant, with pivots of at least `least`.
+double invert(MatrixXd& matrix, double least) {
+  if (matrix.size() == 0) {
+    return 0.0;
+  }
+  MatrixXd root = matrix;
+  if (!factorise(root) || !(root.diagonal().cwiseAbs2().minCoeff() > least)) {
+    const Eigen::LDLT<MatrixXd> pivoted(matrix);
+    matrix = pivoted.solve(MatrixXd::Identity(matrix.rows(), matrix.cols()));
+    return pivoted.vectorD().cwiseMax(least).array().log().sum();
+  }
+  const double log_determinant = 2.0 * root.diagonal().array().log().sum();
+  invert_lower(root);
+  const Factor transposed = factor(root, Shape::lower).transposed();
+  matrix.setZero();
+  add_symmetric_product(1.0, transposed, transposed, matrix);
+  matrix.triangularView<Eigen::StrictlyUpper>() = matrix.transpose();
+  return log_determinant;
 }
 
 // Pseudo-inverse of the correlation matrix of the strata's residual sums of squares. Their covariance is
@@ -169,11 +190,10 @@ VarianceEstimation::Solution VarianceEstimation::solve(const VectorXd& weights) 
   const VectorXd scale = M.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 1.0; });
   MatrixXd scaled = scale.asDiagonal() * M * scale.asDiagonal();
   scaled.diagonal().array() += kRidge;
-  const Eigen::LDLT<MatrixXd> factor(scaled);
-  const MatrixXd inverse = factor.solve(MatrixXd::Identity(M.rows(), M.cols()));
-  result.covariance = scale.asDiagonal() * inverse * scale.asDiagonal();
+  result.minus_two_log += invert(scaled, kRidge);
+  result.covariance = scale.asDiagonal() * scaled * scale.asDiagonal();
   const VectorXd step = result.covariance * g;
-  result.minus_two_log += factor.vectorD().cwiseMax(kRidge).array().log().sum() - 2.0 * scale.array().log().sum();
+  result.minus_two_log -= 2.0 * scale.array().log().sum();
   result.minus_two_log -= step.dot(g);
   for (std::size_t i = 0; i < task_.strata.size(); ++i) {
     const Stratum& stratum = task_.strata[i];
@@ -198,7 +218,8 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
       continue;
     }
     MatrixXd& own = explained[static_cast<std::size_t>(s)];
-    own = solution.covariance * stratum.information;
+    own = MatrixXd::Zero(solution.covariance.rows(), solution.covariance.cols());
+    add_product(1.0, factor(solution.covariance), factor(stratum.information), own);  // both are symmetric
     result.by_variances(s, s) -= 2.0 * solution.weights[s] * own.trace();
     result.by_priors[s] = MatrixXd(priors * own).cwiseProduct(solution.covariance).sum();
     for (Index t = 0; t <= s; ++t) {

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/dense.hpp"
 #include "estimation/residual_options.hpp"
 #include "measurements/drive_signals.hpp"
 
@@ -21,12 +22,12 @@ std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configura
   return {rows.begin(), rows.end()};
 }
 
-ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, MatrixXd R)
+ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, const MatrixXd& R)
     : model_(fit.model),
       measurements_(fit.measurements),
       residuals_(fit.options.joint.residuals),
       estimate_(fit.start),
-      R_(std::move(R)) {
+      transposed_R_(R.transpose()) {
   // If all targets are free, their columns are those of U.
   std::vector<std::size_t> coordinates(6 * measurements_.targets.size());
   std::iota(coordinates.begin(), coordinates.end(), 0U);
@@ -39,6 +40,8 @@ ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, MatrixXd R)
 std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std::vector<std::size_t>>& rows) const {
   std::vector<Oriented> oriented(rows.size());
   const WhitenedSystem system = whitened(rows, oriented);
+  MatrixXd solved = system.jacobian(Eigen::all, estimated_).transpose();
+  solve_lower(transposed_R_, solved);
   std::vector<ConfigurationSystem> results(rows.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     ConfigurationSystem& result = results[i];
@@ -46,9 +49,7 @@ std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std:
     const Index measured = system.blocks[i + 1] - first;
     result.U = system.jacobian.middleRows(first, measured)(Eigen::all, place_points(oriented[i], result));
     result.e = system.residual.segment(first, measured);
-    const MatrixXd jacobian = system.jacobian.middleRows(first, measured)(Eigen::all, estimated_);
-    const MatrixXd transposed = R_.triangularView<Eigen::Upper>().transpose().solve(MatrixXd(jacobian.transpose()));
-    result.B = transposed.transpose();
+    result.B = solved.middleCols(first, measured).transpose();
   }
   return results;
 }

@@ -33,7 +33,7 @@ class ConfigurationSystems {
 public:
   /// Linearised at the start of the fit, which must outlive this object. `R`: upper triangular, with R^T R the
   /// information of the whole system.
-  ConfigurationSystems(const FitProblem& fit, Eigen::MatrixXd R);
+  ConfigurationSystems(const FitProblem& fit, const Eigen::MatrixXd& R);
 
   /// Batch size: a batch is much faster than single configurations.
   static constexpr std::size_t kTogether = 32;
@@ -51,7 +51,7 @@ private:
   const Measurements& measurements_;
   const ResidualOptions& residuals_;
   const Estimate& estimate_;
-  Eigen::MatrixXd R_;
+  Eigen::MatrixXd transposed_R_;
   Unknowns all_;
   std::vector<Eigen::Index> estimated_;  // columns of the estimated unknowns among all
 };

@@ -51,7 +51,7 @@ struct Rows {
       for (Index i = 0; i < residual.size(); ++i) {
         stratum.add_row(jacobian.row(i), residual[i], 1.0);
       }
-      stratum.information = MatrixXd(stratum.information.selfadjointView<Eigen::Lower>());
+      stratum.complete();
     }
     const Index before = e.size();
     J.conservativeResize(before + residual.size(), J.cols());
