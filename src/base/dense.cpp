@@ -15,44 +15,40 @@ using Eigen::Ref;
 
 namespace {
 
-constexpr Index kRows = 24;               // of a tile: three of the widest registers
-constexpr Index kColumns = 4;             // of a tile
-constexpr Index kDepth = 256;             // columns of the factors that are multiplied at a time
-constexpr Index kRowsAtOnce = 8 * kRows;  // of A in cache
-constexpr Index kSmall = 48;              // size up to which triangles are not divided further
+constexpr Index kDepth = 256;                 // columns of the factors that are multiplied at a time
+constexpr Index kRowsAtOnce = 8 * kTileRows;  // of A in cache
+constexpr Index kSmall = 48;                  // size up to which triangles are not divided further
 
 using Two = double __attribute__((vector_size(16), aligned(8), may_alias));
 using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
 using Eight = double __attribute__((vector_size(64), aligned(8), may_alias));
 
-// tile (column by column) = product of a panel of kRows and one of kColumns rows, both stored column by column.
+// tile (column by column) = product of a panel of kTileRows and one of kTileColumns rows, both stored column by column.
 template <class Vector>
 inline __attribute__((always_inline)) void multiply(const double* a, const double* b, Index depth, double* tile) {
   constexpr Index kWidth = sizeof(Vector) / sizeof(double);
-  for (Index first = 0; first < kRows; first += 3 * kWidth) {
-    Vector sums[kColumns][3] = {};
+  for (Index first = 0; first < kTileRows; first += 3 * kWidth) {
+    Vector sums[kTileColumns][3] = {};
     for (Index k = 0; k < depth; ++k) {
-      const double* const column = a + k * kRows + first;
+      const double* const column = a + k * kTileRows + first;
       const Vector a0 = *reinterpret_cast<const Vector*>(column);
       const Vector a1 = *reinterpret_cast<const Vector*>(column + kWidth);
       const Vector a2 = *reinterpret_cast<const Vector*>(column + 2 * kWidth);
 #pragma GCC unroll 4
-      for (Index j = 0; j < kColumns; ++j) {
-        const double value = b[k * kColumns + j];
+      for (Index j = 0; j < kTileColumns; ++j) {
+        const double value = b[k * kTileColumns + j];
         sums[j][0] += a0 * value;
         sums[j][1] += a1 * value;
         sums[j][2] += a2 * value;
       }
     }
-    for (Index j = 0; j < kColumns; ++j) {
+    for (Index j = 0; j < kTileColumns; ++j) {
       for (Index i = 0; i < 3; ++i) {
-        *reinterpret_cast<Vector*>(tile + j * kRows + first + i * kWidth) = sums[j][i];
+        *reinterpret_cast<Vector*>(tile + j * kTileRows + first + i * kWidth) = sums[j][i];
       }
     }
   }
 }
-
-using Multiply = void (*)(const double* a, const double* b, Index depth, double* tile);
 
 void multiply_two(const double* a, const double* b, Index depth, double* tile) { multiply<Two>(a, b, depth, tile); }
 #ifdef __x86_64__
@@ -64,18 +60,6 @@ __attribute__((target("avx512f"))) void multiply_eight(const double* a, const do
 }
 #endif
 
-Multiply widest() {
-#ifdef __x86_64__
-  if (__builtin_cpu_supports("avx512f")) {
-    return multiply_eight;
-  }
-  if (__builtin_cpu_supports("avx2")) {
-    return multiply_four;
-  }
-#endif
-  return multiply_two;
-}
-
 // Part of a factor.
 struct PackedPart {
   Index first_row;
@@ -84,20 +68,26 @@ struct PackedPart {
   Index columns;
 };
 
-// A part in panels of `height` rows, each stored column by column; missing rows are zero.
-void pack(const Factor& factor, const PackedPart& part, Index height, std::vector<double>& panels) {
-  panels.resize(static_cast<std::size_t>((part.rows + height - 1) / height * height * part.columns));
+// A part in panels of kHeight rows, each stored column by column; missing rows are zero.
+template <Index kHeight>
+void pack(const Factor& factor, const PackedPart& part, std::vector<double>& panels) {
+  panels.resize(static_cast<std::size_t>((part.rows + kHeight - 1) / kHeight * kHeight * part.columns));
   double* next = panels.data();
-  for (Index row = 0; row < part.rows; row += height) {
-    const Index here = std::min(height, part.rows - row);
-    for (Index k = part.first_column; k < part.first_column + part.columns; ++k, next += height) {
-      const double* const from = factor.data + (part.first_row + row) * factor.row_step + k * factor.column_step;
+  for (Index row = part.first_row; row < part.first_row + part.rows; row += kHeight) {
+    const Index here = std::min(kHeight, part.first_row + part.rows - row);
+    for (Index k = part.first_column; k < part.first_column + part.columns; ++k, next += kHeight) {
+      const double* const from = factor.data + row * factor.row_step + k * factor.column_step;
+      const bool stored =
+          factor.shape == Shape::full || (factor.shape == Shape::lower ? k <= row : k >= row + here - 1);
+      if (stored && here == kHeight && factor.row_step == 1) {
+        std::copy_n(from, kHeight, next);
+        continue;
+      }
       for (Index i = 0; i < here; ++i) {
-        const Index r = part.first_row + row + i;
-        const bool zero = (factor.shape == Shape::lower && k > r) || (factor.shape == Shape::upper && k < r);
+        const bool zero = !stored && (factor.shape == Shape::lower ? k > row + i : k < row + i);
         next[i] = zero ? 0.0 : from[i * factor.row_step];
       }
-      std::fill(next + here, next + height, 0.0);
+      std::fill(next + here, next + kHeight, 0.0);
     }
   }
 }
@@ -121,7 +111,7 @@ void add_tile(double scale, const double* tile, Ref<MatrixXd> sum) {
   for (Index c = 0; c < sum.cols(); ++c) {
     double* const to = &sum(0, c);
     for (Index r = 0; r < sum.rows(); ++r) {
-      to[r] += scale * tile[c * kRows + r];
+      to[r] += scale * tile[c * kTileRows + r];
     }
   }
 }
@@ -130,27 +120,28 @@ void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<Mat
   require_count("columns of a factor", B.columns, A.columns);
   require_count("rows of a product", sum.rows(), A.rows);
   require_count("columns of a product", sum.cols(), B.rows);
-  static const Multiply multiply_tile = widest();
+  static const TileProduct multiply_tile = tile_products().back();
   thread_local std::vector<double> a;
   thread_local std::vector<double> b;
-  alignas(64) double tile[kRows * kColumns];
+  alignas(64) double tile[kTileRows * kTileColumns];
   for (Index first = 0; first < A.columns; first += kDepth) {
     const Index depth = std::min(kDepth, A.columns - first);
-    pack(B, {0, B.rows, first, depth}, kColumns, b);
+    pack<kTileColumns>(B, {0, B.rows, first, depth}, b);
     for (Index top = 0; top < A.rows; top += kRowsAtOnce) {
       const Index rows = std::min(kRowsAtOnce, A.rows - top);
-      pack(A, {top, rows, first, depth}, kRows, a);
-      for (Index j = 0; j < B.rows; j += kColumns) {
-        const Index columns = std::min(kColumns, B.rows - j);
-        const Depths of_b = narrowed({first, first + depth}, B, j, kColumns);
-        for (Index i = symmetric ? std::max(top, (j - top) / kRows * kRows + top) : top; i < top + rows; i += kRows) {
-          const auto [begin, end] = narrowed(of_b, A, i, kRows);
+      pack<kTileRows>(A, {top, rows, first, depth}, a);
+      for (Index j = 0; j < B.rows; j += kTileColumns) {
+        const Index columns = std::min(kTileColumns, B.rows - j);
+        const Depths of_b = narrowed({first, first + depth}, B, j, kTileColumns);
+        for (Index i = symmetric ? std::max(top, (j - top) / kTileRows * kTileRows + top) : top; i < top + rows;
+             i += kTileRows) {
+          const auto [begin, end] = narrowed(of_b, A, i, kTileRows);
           if (begin >= end) {
             continue;
           }
-          multiply_tile(a.data() + (i - top) * depth + (begin - first) * kRows,
-                        b.data() + j * depth + (begin - first) * kColumns, end - begin, tile);
-          add_tile(scale, tile, sum.block(i, j, std::min(kRows, A.rows - i), columns));
+          multiply_tile(a.data() + (i - top) * depth + (begin - first) * kTileRows,
+                        b.data() + j * depth + (begin - first) * kTileColumns, end - begin, tile);
+          add_tile(scale, tile, sum.block(i, j, std::min(kTileRows, A.rows - i), columns));
         }
       }
     }
@@ -158,6 +149,19 @@ void add(double scale, const Factor& A, const Factor& B, bool symmetric, Ref<Mat
 }
 
 }  // namespace
+
+std::vector<TileProduct> tile_products() {
+  std::vector<TileProduct> result = {multiply_two};
+#ifdef __x86_64__
+  if (__builtin_cpu_supports("avx2")) {
+    result.push_back(multiply_four);
+  }
+  if (__builtin_cpu_supports("avx512f")) {
+    result.push_back(multiply_eight);
+  }
+#endif
+  return result;
+}
 
 Factor Factor::transposed() const {
   const Shape turned = shape == Shape::lower ? Shape::upper : shape == Shape::upper ? Shape::lower : Shape::full;
@@ -172,6 +176,19 @@ void add_product(double scale, const Factor& A, const Factor& B, Ref<MatrixXd> s
 
 void add_symmetric_product(double scale, const Factor& A, const Factor& B, Ref<MatrixXd> sum) {
   add(scale, A, B, true, sum);
+}
+
+MatrixXd product(const Factor& A, const Factor& B) {
+  MatrixXd result = MatrixXd::Zero(A.rows, B.rows);
+  add_product(1.0, A, B, result);
+  return result;
+}
+
+MatrixXd symmetric_product(const Factor& A, const Factor& B) {
+  MatrixXd result = MatrixXd::Zero(A.rows, B.rows);
+  add_symmetric_product(1.0, A, B, result);
+  result.triangularView<Eigen::StrictlyUpper>() = result.transpose();
+  return result;
 }
 
 bool factorise(Ref<MatrixXd> A) {

@@ -4,6 +4,7 @@
 // same order in all registers, without fused multiply-add, so that results are the same bits. Not installed.
 
 #include <Eigen/Core>
+#include <vector>
 
 namespace kdl_calibration {
 
@@ -27,6 +28,10 @@ Factor factor(const Eigen::Ref<const Eigen::MatrixXd>& matrix, Shape shape = Sha
 void add_product(double scale, const Factor& A, const Factor& B, Eigen::Ref<Eigen::MatrixXd> sum);
 /// The same for the lower triangle of a symmetric sum. Entries above it may be changed.
 void add_symmetric_product(double scale, const Factor& A, const Factor& B, Eigen::Ref<Eigen::MatrixXd> sum);
+/// A B^T.
+Eigen::MatrixXd product(const Factor& A, const Factor& B);
+/// The same if it is symmetric, at half the cost.
+Eigen::MatrixXd symmetric_product(const Factor& A, const Factor& B);
 
 /// Replaces the lower triangle of A = L L^T by L. False if A is not positive definite. Only the lower triangle is used.
 bool factorise(Eigen::Ref<Eigen::MatrixXd> A);
@@ -34,5 +39,13 @@ bool factorise(Eigen::Ref<Eigen::MatrixXd> A);
 void invert_lower(Eigen::Ref<Eigen::MatrixXd> L);
 /// X <- L^-1 X.
 void solve_lower(const Eigen::Ref<const Eigen::MatrixXd>& L, Eigen::Ref<Eigen::MatrixXd> X);
+
+/// A tile of a product: kTileRows x kTileColumns, column by column. The inner loop sums it over `depth` columns of a
+/// and b, which hold kTileRows and kTileColumns entries each.
+constexpr Eigen::Index kTileRows = 24;  // three of the widest registers
+constexpr Eigen::Index kTileColumns = 4;
+using TileProduct = void (*)(const double* a, const double* b, Eigen::Index depth, double* tile);
+/// The inner loops for the registers of this machine, the narrowest first.
+std::vector<TileProduct> tile_products();
 
 }  // namespace kdl_calibration

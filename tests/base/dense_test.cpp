@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <Eigen/Dense>
+#include <limits>
 
 namespace kdl_calibration {
 namespace {
@@ -30,6 +31,26 @@ TEST(Dense, ProductsAreThoseOfEigen) {
       MatrixXd square = MatrixXd::Zero(n, n);
       add_symmetric_product(1.0, factor(A), factor(A), square);
       EXPECT_LT(lower(square - A * A.transpose()).norm(), 1e-9) << n << " " << depth;
+      EXPECT_LT((symmetric_product(factor(A), factor(A)) - A * A.transpose()).norm(), 1e-9) << n << " " << depth;
+      EXPECT_LT((product(factor(A), factor(B).transposed()) - A * B).norm(), 1e-9) << n << " " << depth;
+    }
+  }
+}
+
+TEST(Dense, TilesAreTheSameBitsInRegistersOfEveryWidth) {
+  for (const Index depth : {1, 7, 256}) {
+    const MatrixXd a = random(kTileRows, depth);
+    const MatrixXd b = random(kTileColumns, depth);
+    MatrixXd expected = MatrixXd::Zero(kTileRows, kTileColumns);
+    for (Index k = 0; k < depth; ++k) {  // in the order of the columns, without fused multiply-add
+      for (Index j = 0; j < kTileColumns; ++j) {
+        expected.col(j) += a.col(k) * b(j, k);
+      }
+    }
+    for (const TileProduct multiply : tile_products()) {
+      MatrixXd tile = MatrixXd::Constant(kTileRows, kTileColumns, std::numeric_limits<double>::quiet_NaN());
+      multiply(a.data(), b.data(), depth, tile.data());
+      EXPECT_EQ(tile, expected) << depth;
     }
   }
 }
