@@ -60,13 +60,11 @@ Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const Nois
                                             .whitened_summary(estimate)
                                             .sqrt_information;
   }
-  result.identifiability = identifiability(determines_arm(fitted) ? result.root : result.candidate_sqrt_information,
-                                           told_apart(fitted).names());
-  const int rank = result.identifiability.rank;
-  result.determined = result.identifiability.columns == rank;
-  if (const std::optional<Identifiability> rigid = rigid_identifiability(fit, fitted, residuals)) {
-    result.identifiability = *rigid;
-  }
+  const Eigen::MatrixXd& told = determines_arm(fitted) ? result.root : result.candidate_sqrt_information;
+  const int rank = rank_of(told);
+  result.determined = told_apart(fitted).size() == rank;
+  const std::optional<Identifiability> rigid = rigid_identifiability(fit, fitted, residuals);
+  result.identifiability = rigid ? *rigid : identifiability(told, told_apart(fitted).names());
   result.observability =
       observability_indices(system.sqrt_information, static_cast<Eigen::Index>(make_folds(fit.measurements, 0).size()));
   NoiseAssessment noise = assess_noise({.problem = problem,

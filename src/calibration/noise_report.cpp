@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/dense.hpp"
 #include "base/distributions.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -171,7 +172,7 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
 
 double variance_of_unit_weight(const Eigen::MatrixXd& sqrt_information, const Eigen::MatrixXd& covariance) {
   const bool determined = covariance.cols() > 0 && covariance.diagonal().allFinite();
-  return determined ? (sqrt_information * covariance).cwiseProduct(sqrt_information).sum() /
+  return determined ? product(factor(sqrt_information), factor(covariance)).cwiseProduct(sqrt_information).sum() /
                           static_cast<double>(covariance.cols())
                     : 1.0;
 }

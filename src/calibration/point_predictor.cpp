@@ -6,6 +6,7 @@
 #include <limits>
 #include <variant>
 
+#include "base/dense.hpp"
 #include "effects/joint_effects.hpp"
 #include "measurements/drive_signals.hpp"
 #include "model/kinematics.hpp"
@@ -108,7 +109,8 @@ Eigen::MatrixXd PointPredictor::sigmas(const Eigen::MatrixXd& joint_values, cons
         row += 3;
       }
     }
-    const Eigen::VectorXd coordinates = (rows * basis_.covariance).cwiseProduct(rows).rowwise().sum();
+    const Eigen::VectorXd coordinates =
+        product(factor(rows), factor(basis_.covariance)).cwiseProduct(rows).rowwise().sum();
     variances.middleCols(first, count) =
         coordinates.reshaped(3, targets * count).colwise().sum().reshaped(targets, count);
   }

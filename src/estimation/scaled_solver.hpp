@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
+
 namespace kdl_calibration {
 
 /// Solves (H + diag(added)) x = g, with H symmetric and positive semi-definite, in columns scaled to unit norm. Keeps
@@ -56,14 +58,14 @@ private:
 
   // scaled_ = L L^T in place; smallest_pivot_ is zero where a pivot is in doubt.
   void factorise() {
-    constexpr Eigen::Index kLarge = 128;  // size from which Eigen's blocked algorithm is faster
+    constexpr Eigen::Index kLarge = 128;  // size from which the divided algorithm is faster
     if (scaled_.cols() < kLarge) {
       factorise_small();
       return;
     }
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> root(scaled_);
-    const double pivot = root.matrixLLT().diagonal().cwiseAbs2().minCoeff();
-    smallest_pivot_ = root.info() == Eigen::Success && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
+    const bool regular = kdl_calibration::factorise(scaled_);
+    const double pivot = scaled_.diagonal().cwiseAbs2().minCoeff();
+    smallest_pivot_ = regular && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
   }
 
   // Four columns at a time; stops at a pivot that is too small.

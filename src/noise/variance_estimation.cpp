@@ -98,9 +98,7 @@ double invert(MatrixXd& matrix, double least) {
   const double log_determinant = 2.0 * root.diagonal().array().log().sum();
   invert_lower(root);
   const Factor transposed = factor(root, Shape::lower).transposed();
-  matrix.setZero();
-  add_symmetric_product(1.0, transposed, transposed, matrix);
-  matrix.triangularView<Eigen::StrictlyUpper>() = matrix.transpose();
+  matrix = symmetric_product(transposed, transposed);
   return log_determinant;
 }
 
@@ -218,8 +216,7 @@ VarianceEstimation::Expectation VarianceEstimation::expectation(const Solution& 
       continue;
     }
     MatrixXd& own = explained[static_cast<std::size_t>(s)];
-    own = MatrixXd::Zero(solution.covariance.rows(), solution.covariance.cols());
-    add_product(1.0, factor(solution.covariance), factor(stratum.information), own);  // both are symmetric
+    own = product(factor(solution.covariance), factor(stratum.information));  // both are symmetric
     result.by_variances(s, s) -= 2.0 * solution.weights[s] * own.trace();
     result.by_priors[s] = MatrixXd(priors * own).cwiseProduct(solution.covariance).sum();
     for (Index t = 0; t <= s; ++t) {

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <optional>
 
+#include "base/dense.hpp"
 #include "base/distributions.hpp"
 #include "base/parallel.hpp"
 #include "effects/effect_terms.hpp"
@@ -122,9 +123,9 @@ class Search {
 public:
   explicit Search(RippleData data)
       : data_(std::move(data)),
-        information_(data_.information.ldlt()),
+        root_(data_.information),
         rest_(data_.rows.residual(data_.rows.y, data_.values)),
-        grids_(grids(data_.model, data_.joint_values)) {}
+        grids_(factorise(root_) ? grids(data_.model, data_.joint_values) : std::vector<Grid>()) {}
 
   bool is_possible() const { return !grids_.empty(); }
 
@@ -223,8 +224,10 @@ private:
     MatrixXd result = columns;
     for (auto column : result.colwise()) {
       VectorXd own = VectorXd::Zero(data_.rows.columns());
-      const VectorXd moment = data_.rows.moments(column)(data_.columns);
-      own(data_.columns) = VectorXd(information_.solve(moment));
+      VectorXd solution = data_.rows.moments(column)(data_.columns);
+      root_.triangularView<Eigen::Lower>().solveInPlace(solution);
+      root_.triangularView<Eigen::Lower>().adjoint().solveInPlace(solution);
+      own(data_.columns) = solution;
       column = data_.rows.residual(column, own);
     }
     return result;
@@ -246,7 +249,7 @@ private:
   }
 
   RippleData data_;
-  Eigen::LDLT<MatrixXd> information_;
+  MatrixXd root_;  // L of the information
   VectorXd rest_;
   std::vector<Grid> grids_;
 };

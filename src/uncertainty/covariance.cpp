@@ -7,6 +7,7 @@
 #include <numbers>
 #include <optional>
 
+#include "base/dense.hpp"
 #include "base/preconditions.hpp"
 #include "base/triangular_factor.hpp"
 #include "model/kinematics.hpp"
@@ -29,7 +30,8 @@ MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
   const MatrixXd sqrt_information = triangular_factor(whitened_jacobian * scale.asDiagonal());
   if (const std::optional<MatrixXd> inverse = regular_inverse(sqrt_information)) {
     const MatrixXd root = scale.asDiagonal() * *inverse;
-    return factor * (root * root.transpose());
+    const Factor triangle = kdl_calibration::factor(root, Shape::upper);
+    return factor * symmetric_product(triangle, triangle);
   }
   const SingularSystem system = singular_system(sqrt_information);
   VectorXd inverse_squares = VectorXd::Zero(columns);
@@ -60,7 +62,8 @@ MatrixXd sandwich(const MatrixXd& outer, const MatrixXd& middle) {
       finite.col(i).setZero();
     }
   }
-  MatrixXd result = finite * middle * finite;
+  const MatrixXd half = product(factor(finite), factor(middle).transposed());
+  MatrixXd result = product(factor(half), factor(finite).transposed());
   for (Index i = 0; i < outer.cols(); ++i) {
     if (!std::isfinite(outer(i, i))) {
       result(i, i) = outer(i, i);

@@ -8,6 +8,8 @@
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "base/triangular_factor.hpp"
+#include "uncertainty/unit_columns.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -21,12 +23,11 @@ MatrixXd scaled_triangle(const MatrixXd& jacobian) {
   const VectorXd norms = jacobian.colwise().norm();
   const double none = 1e-12 * norms.maxCoeff();
   const VectorXd scale = norms.unaryExpr([&](double norm) { return norm > none ? 1.0 / norm : 0.0; });
-  MatrixXd scaled = jacobian * scale.asDiagonal();
-  if (scaled.rows() <= scaled.cols()) {
-    return scaled;
-  }
-  const Eigen::HouseholderQR<MatrixXd> qr(scaled);
-  return qr.matrixQR().topRows(scaled.cols()).triangularView<Eigen::Upper>();
+  return triangular_factor(jacobian * scale.asDiagonal());
+}
+
+int rank_of(const VectorXd& singular_values, const IdentifiabilityOptions& options) {
+  return static_cast<int>((singular_values.array() > options.tolerance * singular_values[0]).count());
 }
 
 // Merges groups that share a parameter, because tied parameters form an equivalence class.
@@ -120,7 +121,7 @@ Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std:
   const VectorXd& values = svd.singularValues();
   result.singular_values.head(values.size()) = values;
   const double largest = values[0];
-  result.rank = static_cast<int>((values.array() > options.tolerance * largest).count());
+  result.rank = rank_of(values, options);
   for (Index i = result.rank; i-- > 0 && values[i] < options.weak * largest;) {
     result.weak.push_back(heaviest(svd.matrixV().col(i), names));
   }
@@ -130,6 +131,14 @@ Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std:
     result.tied = dependencies(sqrt_information, names, 10.0 * options.tolerance);
   }
   return result;
+}
+
+int rank_of(const MatrixXd& jacobian, const IdentifiabilityOptions& options) {
+  if (jacobian.size() == 0) {
+    return 0;
+  }
+  const MatrixXd triangle = scaled_triangle(jacobian);
+  return regular_inverse(triangle) ? static_cast<int>(jacobian.cols()) : rank_of(singular_values(triangle), options);
 }
 
 }  // namespace kdl_calibration

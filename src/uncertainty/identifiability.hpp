@@ -29,4 +29,7 @@ struct IdentifiabilityOptions {
 Identifiability identifiability(const Eigen::MatrixXd& jacobian, const std::vector<std::string>& names,
                                 const IdentifiabilityOptions& options = {});
 
+/// Rank of the scaled Jacobian alone.
+int rank_of(const Eigen::MatrixXd& jacobian, const IdentifiabilityOptions& options = {});
+
 }  // namespace kdl_calibration

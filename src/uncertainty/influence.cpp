@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/preconditions.hpp"
+#include "base/triangular_factor.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/residual_options.hpp"
 #include "measurements/training_rows.hpp"
@@ -93,8 +94,7 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
   if (sqrt_information.rows() < columns || columns == 0) {
     return result;
   }
-  const MatrixXd R =
-      Eigen::HouseholderQR<MatrixXd>(sqrt_information).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+  const MatrixXd R = triangular_factor(sqrt_information);
   if (!(R.diagonal().cwiseAbs().cwiseProduct(unit_scale(sqrt_information)).minCoeff() > kSingular)) {
     return result;
   }

@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "base/dense.hpp"
+
 namespace kdl_calibration {
 
 /// For columns of unit norm: a singular value below this times the largest counts as zero.
@@ -34,8 +36,9 @@ inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& sqr
       !(sqrt_information.diagonal().cwiseAbs().minCoeff() > 0.0)) {
     return std::nullopt;
   }
-  const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(sqrt_information.rows(), sqrt_information.cols());
-  Eigen::MatrixXd inverse = sqrt_information.triangularView<Eigen::Upper>().solve(unit);
+  Eigen::MatrixXd inverse = sqrt_information.transpose();
+  invert_lower(inverse);
+  inverse.transposeInPlace();
   return sqrt_information.norm() * inverse.norm() < kRegular ? std::optional(std::move(inverse)) : std::nullopt;
 }
 

@@ -11,6 +11,7 @@
 
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
+#include "base/triangular_factor.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/stations.hpp"
@@ -171,10 +172,8 @@ public:
 private:
   static MatrixXd root_of(const MatrixXd& sqrt_information) {
     const Index columns = sqrt_information.cols();
-    if (sqrt_information.rows() < columns) {
-      return MatrixXd::Zero(columns, columns);
-    }
-    return Eigen::HouseholderQR<MatrixXd>(sqrt_information).matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+    return sqrt_information.rows() < columns ? MatrixXd(MatrixXd::Zero(columns, columns))
+                                             : triangular_factor(sqrt_information);
   }
 
   // Adds the configuration's points: residual after the step and covariance, in metres.

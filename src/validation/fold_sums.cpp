@@ -11,6 +11,7 @@
 #include "estimation/input_check.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/residual_options.hpp"
+#include "estimation/scaled_solver.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -59,8 +60,9 @@ public:
     NormalEquations sum{.hessian = MatrixXd::Zero(columns, columns), .gradient = VectorXd::Zero(columns)};
     for (std::size_t f = 0; f < parts_.size(); ++f) {
       if (f != fold) {
-        const NormalEquations part = at_start ? at_start_[f] : parts_[f]->linearise(estimate);
-        sum.hessian += part.hessian.selfadjointView<Eigen::Lower>();
+        const NormalEquations at_estimate = at_start ? NormalEquations{} : parts_[f]->linearise(estimate);
+        const NormalEquations& part = at_start ? at_start_[f] : at_estimate;
+        sum.hessian += part.hessian;
         sum.gradient += part.gradient;
       }
     }
@@ -85,13 +87,6 @@ private:
   std::vector<std::unique_ptr<LeastSquaresProblem>> parts_;
 };
 
-// Solution with columns scaled to unit norm.
-VectorXd solved(const NormalEquations& equations) {
-  const VectorXd scale = unit_scale_of_information(equations.hessian);
-  const MatrixXd scaled = scale.asDiagonal() * equations.hessian * scale.asDiagonal();
-  return scale.cwiseProduct(scaled.ldlt().solve(VectorXd(scale.cwiseProduct(equations.gradient))));
-}
-
 }  // namespace
 
 HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, double noise,
@@ -106,9 +101,11 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
   std::vector<int> open(folds.size(), 1);
   parallel_for(folds.size(), threads, [&](std::size_t f) {
     Estimate estimate = problem.start;
+    ScaledSolver solver;
     for (int step = 0; step < kMostSteps && open[f] != 0; ++step) {
       const NormalEquations equations = sums.without(f, estimate, step == 0);
-      const VectorXd move = solved(equations);
+      solver.solve(equations.hessian, {}, equations.gradient);
+      const VectorXd& move = solver.solution();
       const double effect = std::sqrt(move.dot(equations.hessian * move) / sums.weight_without(f));
       if (!std::isfinite(effect)) {
         break;
