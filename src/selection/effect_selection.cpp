@@ -364,7 +364,7 @@ private:
       return;
     }
     const Candidate candidate = with_terms(task_.model, task_.free, terms, route.model.sized);
-    TableCertainty(candidate, route.score.information, route.score.groups, route.score.sizes).withhold_gaps(terms);
+    TableCertainty(candidate, route.score.groups, route.score.sizes).withhold_gaps(terms);
   }
 
   const ModelSelectionTask& task_;

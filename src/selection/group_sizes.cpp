@@ -6,6 +6,7 @@
 #include <iterator>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "base/dense.hpp"
 #include "base/preconditions.hpp"
@@ -107,36 +108,46 @@ SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& c
   const VectorXd own = sums.moment(free_);
   offset_ = solved(own);
   slope_ = solved(coupling);
-  information_ = sums.information(sized_, sized_) - coupling.transpose() * slope_;
+  information_ = MatrixXd::Zero(coupling.cols(), coupling.cols());
+  for (Index c = 0; c < information_.cols(); ++c) {
+    for (Index r = c; r < information_.rows(); ++r) {
+      information_(r, c) = sums.information(sized_[static_cast<std::size_t>(r)], sized_[static_cast<std::size_t>(c)]);
+    }
+  }
+  add_symmetric_product(-1.0, factor(coupling).transposed(), factor(slope_).transposed(), information_);
   moment_ = VectorXd(sums.moment(sized_)) - coupling.transpose() * offset_;
   squares_ = sums.squares - own.dot(offset_);
 }
 
-SizeEstimator::Fit SizeEstimator::solve(const std::vector<double>& variances, double variance) const {
-  Fit fit;
-  fit.x = VectorXd::Zero(information_.cols());
+// Keeps the memory of the fit.
+void SizeEstimator::solve(const std::vector<double>& variances, double variance, Fit& fit) const {
+  const Index n = information_.cols();
+  fit.x = VectorXd::Zero(n);
   fit.squares = std::max(squares_, 0.0);
-  if (fit.x.size() == 0) {
-    return fit;
+  if (n == 0) {
+    return;
   }
   // In units of the groups' sizes: M = I + S A S / sigma^2 is never singular, and a size of zero removes a group.
-  VectorXd S = VectorXd::Zero(fit.x.size());
+  VectorXd S = VectorXd::Zero(n);
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     S(groups_[g]).setConstant(std::sqrt(variances[g] / variance));
   }
-  fit.root = S.asDiagonal() * information_ * S.asDiagonal();
+  if (fit.root.cols() != n) {
+    fit.root = MatrixXd::Zero(n, n);
+  }
+  for (Index c = 0; c < n; ++c) {
+    fit.root.col(c).tail(n - c) = S[c] * S.tail(n - c).cwiseProduct(information_.col(c).tail(n - c));
+  }
   fit.root.diagonal().array() += 1.0;
   factorise(fit.root);
-  MatrixXd u = S.cwiseProduct(moment_);
+  VectorXd u = S.cwiseProduct(moment_);
   fit.root.triangularView<Eigen::Lower>().solveInPlace(u);
   fit.root.triangularView<Eigen::Lower>().adjoint().solveInPlace(u);
   fit.x = S.cwiseProduct(u);
-  fit.squares = std::max(squares_ - 2.0 * fit.x.dot(moment_) + fit.x.dot(information_ * fit.x), 0.0);
+  // With M u = S b: x . A x = u . S A S u = x . b - u . u.
+  fit.squares = std::max(squares_ - fit.x.dot(moment_) - u.squaredNorm(), 0.0);
   fit.log_determinant = 2.0 * fit.root.diagonal().array().log().sum();
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    fit.penalty += variances[g] > 0.0 ? fit.x(groups_[g]).squaredNorm() / variances[g] : 0.0;
-  }
-  return fit;
+  fit.penalty = u.squaredNorm() / variance;
 }
 
 // diag(C) in units of the groups' sizes: squared columns of L^-1.
@@ -179,9 +190,9 @@ GroupSizes SizeEstimator::estimate(const GroupSizes& start, const SizeLimits& li
   const double settled = near ? kSettledFromNear : kSettledEvidence;
   double before = -std::numeric_limits<double>::infinity();
   for (int round = 0; round <= rounds; ++round) {
-    fit = solve(variances, variance);
+    solve(variances, variance, fit);
     const double evidence = evidence_of(fit);
-    if (round == rounds || (round > 1 && evidence < before + settled)) {
+    if (round == rounds || (round > (near ? 0 : 1) && evidence < before + settled)) {
       break;
     }
     before = evidence;
@@ -197,10 +208,13 @@ GroupSizes SizeEstimator::estimate(const GroupSizes& start, const SizeLimits& li
   }
   if (std::find(limits.inflated.begin(), limits.inflated.end(), true) != limits.inflated.end()) {
     inflate(variances, limits, gamma(fit));
-    fit = solve(variances, variance);
+    solve(variances, variance, fit);
   }
-  GroupSizes result{
-      .sizes = {}, .sigma = std::sqrt(variance), .evidence = evidence_of(fit), .values = all_values(fit.x)};
+  GroupSizes result{.sizes = {},
+                    .sigma = std::sqrt(variance),
+                    .evidence = evidence_of(fit),
+                    .values = all_values(fit.x),
+                    .root = std::move(fit.root)};
   std::transform(variances.begin(), variances.end(), std::back_inserter(result.sizes),
                  [](double v) { return std::sqrt(v); });
   return result;

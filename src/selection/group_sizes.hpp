@@ -25,6 +25,8 @@ struct GroupSizes {
   double sigma = 0.0;         ///< of a row
   double evidence = 0.0;      ///< log likelihood of sizes and sigma, up to a constant of the free columns
   Eigen::VectorXd values;     ///< of the columns; zero in groups that are switched off
+  /// L of the covariance S (L L^T)^-1 S of the groups' columns, one group after the other, with their sizes S.
+  Eigen::MatrixXd root;
 };
 
 /// One value per group; empty: no limits.
@@ -54,12 +56,12 @@ public:
 private:
   struct Fit {
     Eigen::VectorXd x;     // of the sized columns
-    Eigen::MatrixXd root;  // L of C^-1 = L L^T in units of the groups' sizes
+    Eigen::MatrixXd root;  // L of C^-1 = L L^T in units of the groups' sizes; entries above are not used
     double squares = 0.0;  // of the residuals
     double log_determinant = 0.0;
     double penalty = 0.0;  // sum |x_g|^2 / s_g^2
   };
-  Fit solve(const std::vector<double>& variances, double variance) const;
+  void solve(const std::vector<double>& variances, double variance, Fit& fit) const;
   // Of each group. Inverts the fit's root.
   Eigen::VectorXd gamma(Fit& fit) const;
   Eigen::VectorXd all_values(const Eigen::VectorXd& sized) const;
@@ -70,7 +72,7 @@ private:
   std::vector<std::vector<Eigen::Index>> groups_;  // indices into sized_
   bool determined_ = true;
   double equations_ = 0.0;
-  // After elimination of the free columns.
+  // After elimination of the free columns. Of the information the lower triangle.
   Eigen::MatrixXd information_;
   Eigen::VectorXd moment_;
   double squares_ = 0.0;

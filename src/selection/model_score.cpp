@@ -140,7 +140,7 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
   }
   score.sizes = whole.estimate({}, score.groups.limits, rounding);
   score.noise = score.sizes.sigma * rows.unit;
-  score.motion = motion_of(candidate, score.sizes.values);
+  score.motion = motion_of(candidate, rows, score.sizes.values);
   if (score.sizes.evidence >= wanted) {
     predict_folds(candidate, rows, sums, score, after_fold);
   }
@@ -162,13 +162,13 @@ Priors ModelScorer::priors_of(const ModelScore& score, bool sized) const {
           .angle = std::max(size_of(score, "angle"), kLeastPrior)};
 }
 
-double ModelScorer::motion_of(const Candidate& candidate, const VectorXd& values) const {
+double ModelScorer::motion_of(const Candidate& candidate, const LinearRows& rows, const VectorXd& values) const {
   if (candidate.model.effects.empty()) {
     return 0.0;
   }
   const ColumnRange effects = candidate.free.range(UnknownGroup::effects);
   MatrixXd moved = effective_joint_values(candidate.model, values.segment(effects.first, effects.count),
-                                          means_.joint_values, means_.signals);
+                                          means_.joint_values, rows.effects);
   moved.topRows(means_.joint_values.rows()) -= means_.joint_values;
   return moved.cwiseAbs().maxCoeff();
 }
@@ -197,10 +197,11 @@ void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& ro
       return;
     }
     const GroupSizes sizes = rest.estimate(score.sizes, score.groups.limits, rounding);
-    const TableCertainty certainty(candidate, without.information, score.groups, sizes);
-    for (const Index c : folds_[f]) {
-      VectorXd x = sizes.values;
-      certainty.withhold(means_.joint_values.col(c), x);
+    MatrixXd values = sizes.values.replicate(1, std::ssize(folds_[f]));  // one column for each configuration
+    TableCertainty(candidate, score.groups, sizes).withhold(means_.joint_values(Eigen::all, folds_[f]), values);
+    for (std::size_t i = 0; i < folds_[f].size(); ++i) {
+      const Index c = folds_[f][i];
+      const VectorXd x = values.col(static_cast<Index>(i));
       const auto [first, count] = rows.range(c);
       VectorXd error = rows.y.segment(first, count) - rows.product(c, x);
       for (const Index column : uninformed) {

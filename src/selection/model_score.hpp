@@ -87,7 +87,7 @@ public:
   Priors priors_of(const ModelScore& score, bool sized) const;
 
 private:
-  double motion_of(const Candidate& candidate, const Eigen::VectorXd& values) const;
+  double motion_of(const Candidate& candidate, const LinearRows& rows, const Eigen::VectorXd& values) const;
   struct Sums {
     LinearSums all;
     std::vector<LinearSums> folds;

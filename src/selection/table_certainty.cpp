@@ -7,7 +7,6 @@
 
 #include "base/dense.hpp"
 #include "effects/joint_effects.hpp"
-#include "estimation/linear_system.hpp"
 
 namespace kdl_calibration {
 
@@ -32,62 +31,56 @@ SizedInformation sized_information(const MatrixXd& information, const Groups& gr
   return result;
 }
 
-TableCertainty::TableCertainty(const Candidate& candidate, const MatrixXd& information, const Groups& groups,
-                               const GroupSizes& sizes)
-    : candidate_(candidate) {
-  if (std::none_of(candidate.model.effects.begin(), candidate.model.effects.end(), is_of_table)) {
-    return;
-  }
-  SizedInformation sized = sized_information(information, groups, sizes);
-  std::map<int, std::vector<Index>> places;  // among the columns that are left
+TableCertainty::TableCertainty(const Candidate& candidate, const Groups& groups, const GroupSizes& sizes)
+    : candidate_(candidate), root_(sizes.root) {
+  std::map<std::string, int> joint_of;  // by name of the group
   for (const std::size_t e : candidate.free.effects()) {
     const EffectTerm& term = candidate.model.effects[e];
-    if (!is_of_table(term)) {
-      continue;
-    }
-    const Index column = *candidate.free.column(UnknownGroup::effects, e);
-    const auto place = std::lower_bound(sized.columns.begin(), sized.columns.end(), column);
-    if (place != sized.columns.end() && *place == column) {
-      Table& table = tables_[term.index];
-      table.terms.push_back(e);
-      table.columns.push_back(column);
-      places[term.index].push_back(place - sized.columns.begin());
-      const auto name = std::find(groups.names.begin(), groups.names.end(), size_name(term));
-      table.sigma = sizes.sizes[static_cast<std::size_t>(name - groups.names.begin())];
+    if (is_of_table(term)) {
+      joint_of[size_name(term)] = term.index;
+      tables_[term.index].terms.push_back(e);
     }
   }
-  const Index n = sized.matrix.rows();
-  const VectorXd scale = unit_scale_of_information(sized.matrix);
-  MatrixXd root = scale.asDiagonal() * sized.matrix * scale.asDiagonal();
-  factorise(root);
-  invert_lower(root);
-  for (auto& [joint, table] : tables_) {
-    MatrixXd own = MatrixXd::Zero(n, static_cast<Index>(table.columns.size()));
-    for (Index k = 0; k < own.cols(); ++k) {
-      const Index place = places[joint][static_cast<std::size_t>(k)];
-      own.col(k).tail(n - place) = sizes.sigma * scale[place] * root.col(place).tail(n - place);
+  Index first = 0;
+  for (std::size_t g = 0; g < groups.names.size(); ++g) {
+    if (const auto found = joint_of.find(groups.names[g]); found != joint_of.end()) {
+      Table& table = tables_[found->second];
+      table.columns = groups.columns[g];
+      table.first = first;
+      table.sigma = sizes.sizes[g];
     }
-    table.covariance = MatrixXd::Zero(own.cols(), own.cols());
-    add_product(1.0, factor(own).transposed(), factor(own).transposed(), table.covariance);
+    first += std::ssize(groups.columns[g]);
   }
+  std::erase_if(tables_, [](const auto& table) { return table.second.sigma == 0.0; });
 }
 
-bool TableCertainty::is_uncertain(const Table& table, double joint_value) const {
+// The variance of a table's value f . x with covariance (L L^T)^-1 of x over its squared sigma is |L^-1 f|^2.
+std::vector<bool> TableCertainty::is_uncertain(const Table& table, const VectorXd& joint_values) const {
   constexpr double kShare = 0.8;
-  VectorXd functions(static_cast<Index>(table.terms.size()));
+  const Index left = root_.rows() - table.first;  // L^-1 f is zero before
+  MatrixXd functions = MatrixXd::Zero(left, joint_values.size());
   for (std::size_t k = 0; k < table.terms.size(); ++k) {
-    functions[static_cast<Index>(k)] =
-        table_value(std::get<JointTable>(candidate_.model.effects[table.terms[k]].function), joint_value);
+    const auto& function = std::get<JointTable>(candidate_.model.effects[table.terms[k]].function);
+    for (Index i = 0; i < joint_values.size(); ++i) {
+      functions(static_cast<Index>(k), i) = table_value(function, joint_values[i]);
+    }
   }
-  const double beforehand = table.sigma * functions.norm();
-  const double variance = functions.dot(table.covariance * functions);
-  return !(variance <= kShare * kShare * beforehand * beforehand);
+  const VectorXd beforehand = functions.colwise().squaredNorm();
+  solve_lower(root_.bottomRightCorner(left, left), functions);
+  std::vector<bool> result;
+  for (Index i = 0; i < joint_values.size(); ++i) {
+    result.push_back(!(functions.col(i).squaredNorm() <= kShare * kShare * beforehand[i]));
+  }
+  return result;
 }
 
-void TableCertainty::withhold(const VectorXd& joint_values, VectorXd& columns) const {
+void TableCertainty::withhold(const MatrixXd& joint_values, MatrixXd& values) const {
   for (const auto& [joint, table] : tables_) {
-    if (is_uncertain(table, joint_values[joint])) {
-      columns(table.columns).setZero();
+    const std::vector<bool> uncertain = is_uncertain(table, joint_values.row(joint));
+    for (std::size_t i = 0; i < uncertain.size(); ++i) {
+      if (uncertain[i]) {
+        values.col(static_cast<Index>(i))(table.columns).setZero();
+      }
     }
   }
 }
@@ -104,17 +97,19 @@ std::vector<std::pair<double, double>> TableCertainty::gaps(int joint) const {
   const double parts = (range.upper - range.lower) / range.length * kParts;
   const auto steps = static_cast<int>(std::ceil(std::min(parts, kMostSteps)));
   const double step = (range.upper - range.lower) / steps;
+  VectorXd values = VectorXd::LinSpaced(steps + 1, range.lower, range.lower + step * steps);
+  values[steps] = range.upper;
+  const std::vector<bool> uncertain = is_uncertain(found->second, values);
   bool inside = false;
   for (int i = 0; i <= steps; ++i) {
-    const double value = i == steps ? range.upper : range.lower + step * i;
-    const bool uncertain = is_uncertain(found->second, value);
-    if (uncertain && !inside) {
-      result.emplace_back(i == 0 ? value : value - step, value);
+    const bool here = uncertain[static_cast<std::size_t>(i)];
+    if (here && !inside) {
+      result.emplace_back(values[std::max(i - 1, 0)], values[i]);
     }
-    if (uncertain || inside) {
-      result.back().second = value;  // ends at the first certain value
+    if (here || inside) {
+      result.back().second = values[i];  // ends at the first certain value
     }
-    inside = uncertain;
+    inside = here;
   }
   return result;
 }

@@ -22,12 +22,11 @@ SizedInformation sized_information(const Eigen::MatrixXd& information, const Gro
 /// the measurements tell too little about it there.
 class TableCertainty {
 public:
-  /// `information`: J^T J. Keeps a reference to `candidate`.
-  TableCertainty(const Candidate& candidate, const Eigen::MatrixXd& information, const Groups& groups,
-                 const GroupSizes& sizes);
+  /// Keeps references to `candidate` and to the root of `sizes`.
+  TableCertainty(const Candidate& candidate, const Groups& groups, const GroupSizes& sizes);
 
-  /// Sets the columns of tables withheld at these joint values to zero.
-  void withhold(const Eigen::VectorXd& joint_values, Eigen::VectorXd& columns) const;
+  /// Sets the values of tables withheld at these joint values to zero. `values`: columns x configurations.
+  void withhold(const Eigen::MatrixXd& joint_values, Eigen::MatrixXd& values) const;
   /// Ranges within the measured one in which the joint's table is withheld.
   std::vector<std::pair<double, double>> gaps(int joint) const;
   /// Writes these ranges into the tables among `terms`.
@@ -37,12 +36,13 @@ private:
   struct Table {
     std::vector<std::size_t> terms;     // indices into the model's effects
     std::vector<Eigen::Index> columns;  // columns of these terms
-    Eigen::MatrixXd covariance;         // of these columns
+    Eigen::Index first = 0;             // row of the root
     double sigma = 0.0;                 // prior 1 sigma
   };
-  bool is_uncertain(const Table& table, double joint_value) const;
+  std::vector<bool> is_uncertain(const Table& table, const Eigen::VectorXd& joint_values) const;
 
   const Candidate& candidate_;
+  const Eigen::MatrixXd& root_;
   std::map<int, Table> tables_;  // by joint
 };
 

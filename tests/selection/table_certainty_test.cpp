@@ -6,6 +6,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <numeric>
 
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
@@ -46,6 +47,16 @@ struct Setting {
     }
   }
 };
+
+/// The sizes with the root of the covariance that they have with so many times the information.
+GroupSizes with_root(const Setting& s, double times = 1.0) {
+  const Index n = s.information.cols();
+  std::vector<Index> all(static_cast<std::size_t>(n));
+  std::iota(all.begin(), all.end(), Index{0});
+  const LinearSums sums{
+      .information = times * s.information, .moment = VectorXd::Zero(n), .squares = 0.0, .equations = 1e6};
+  return SizeEstimator(sums, all, s.groups.columns).estimate(s.sizes, {.held = s.sizes.sizes}, s.sizes.sigma);
+}
 
 /// The covariance of all columns with what their sizes say; zero of those that are switched off.
 MatrixXd covariance_by_hand(const Setting& s) {
@@ -117,12 +128,12 @@ bool is_withheld(const Setting& s, const TableCertainty& certainty, int joint, d
     q[j] = 0.5 * (table_of(s, j).lower + table_of(s, j).upper);
   }
   q[joint] = value;
-  VectorXd columns = VectorXd::Ones(s.candidate.free.size());
+  MatrixXd columns = MatrixXd::Ones(s.candidate.free.size(), 1);
   certainty.withhold(q, columns);
   for (std::size_t e = 0; e < s.candidate.model.effects.size(); ++e) {
     const EffectTerm& term = s.candidate.model.effects[e];
     if (is_of_table(term) && term.index == joint) {
-      return columns[*s.candidate.free.column(UnknownGroup::effects, e)] == 0.0;
+      return columns(*s.candidate.free.column(UnknownGroup::effects, e), 0) == 0.0;
     }
   }
   return false;
@@ -146,7 +157,8 @@ TEST(TableCertainty, WithholdsTheTablesOfWhichMostUncertaintyIsLeft) {
   double most_told = 0.0;
   for (const Setting& s : settings()) {
     const MatrixXd covariance = covariance_by_hand(s);
-    const TableCertainty certainty(s.candidate, s.information, s.groups, s.sizes);
+    const GroupSizes sizes = with_root(s);
+    const TableCertainty certainty(s.candidate, s.groups, sizes);
     for (const int joint : kWithTables) {
       const JointTable& table = table_of(s, joint);
       for (int i = 0; i <= 20; ++i) {
@@ -167,8 +179,10 @@ TEST(TableCertainty, WithholdsTheTablesOfWhichMostUncertaintyIsLeft) {
 TEST(TableCertainty, GapsAreWhereTablesAreWithheldAndShrinkWithMoreInformation) {
   std::size_t gaps = 0;
   for (const Setting& s : settings()) {
-    const TableCertainty certainty(s.candidate, s.information, s.groups, s.sizes);
-    const TableCertainty surer(s.candidate, 4.0 * s.information, s.groups, s.sizes);
+    const GroupSizes sizes = with_root(s);
+    const TableCertainty certainty(s.candidate, s.groups, sizes);
+    const GroupSizes of_more = with_root(s, 4.0);
+    const TableCertainty surer(s.candidate, s.groups, of_more);
     for (const int joint : kWithTables) {
       const Ranges found = certainty.gaps(joint);
       const JointTable& table = table_of(s, joint);
@@ -199,7 +213,8 @@ TEST(TableCertainty, GapsAreWhereTablesAreWithheldAndShrinkWithMoreInformation) 
 TEST(TableCertainty, OfNothingKnownTheWholeRangeIsAGapAndOfAllNone) {
   Setting s;
   for (const auto& [scale, whole] : {std::pair{1e-12, true}, std::pair{1e12, false}}) {
-    const TableCertainty certainty(s.candidate, scale * s.information, s.groups, s.sizes);
+    const GroupSizes sizes = with_root(s, scale);
+    const TableCertainty certainty(s.candidate, s.groups, sizes);
     const JointTable& table = table_of(s, 2);
     EXPECT_EQ(certainty.gaps(2), whole ? Ranges({{table.lower, table.upper}}) : Ranges());
     EXPECT_THAT(certainty.gaps(3), IsEmpty()) << "it is switched off";
@@ -207,7 +222,8 @@ TEST(TableCertainty, OfNothingKnownTheWholeRangeIsAGapAndOfAllNone) {
   }
   Setting rigid;
   rigid.candidate = with_terms(rigid.arm.model, rigid.arm.free, {}, true);
-  const TableCertainty none(rigid.candidate, rigid.information, rigid.groups, rigid.sizes);
+  const GroupSizes sizes = with_root(rigid);
+  const TableCertainty none(rigid.candidate, rigid.groups, sizes);
   EXPECT_THAT(none.gaps(0), IsEmpty());
 }
 
