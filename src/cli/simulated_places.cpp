@@ -41,7 +41,7 @@ VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std:
 Plate plate_of(const PlaceArguments& arguments) {
   Plate plate{.sockets = {}, .places = arguments.stations};
   for (const TargetFrame& socket : read_targets(arguments.sockets)) {
-    plate.sockets.push_back(socket.X_FT.translation());
+    plate.sockets.emplace_back(socket.X_FT.translation());
   }
   return plate;
 }
