@@ -203,10 +203,9 @@ TEST(Covariance, TheTriangleOfAMatrixKeepsItsInformation) {
   EXPECT_EQ(sqrt_information.rows(), 4);
   EXPECT_TRUE(sqrt_information.isUpperTriangular(0.0));
   EXPECT_LT((sqrt_information.transpose() * sqrt_information - tall.transpose() * tall).norm(), 1e-12);
-  for (const Index rows : {3, 4}) {
-    const MatrixXd few = random_matrix(rows, 4, 3);
-    EXPECT_EQ(triangular_factor(few), few) << rows;
-  }
+  const MatrixXd few = random_matrix(3, 4, 3);
+  EXPECT_EQ(triangular_factor(few), few);
+  EXPECT_EQ(triangular_factor(sqrt_information), sqrt_information);
 }
 
 TEST(Covariance, SandwichKeepsWhatIsInfiniteApart) {
