@@ -46,6 +46,6 @@ std::vector<std::string> without_stations(std::vector<std::string> names);
 std::vector<std::string> target_parameter_names(const TargetFrame& target);
 /// Names of the base (or bases), then of all targets.
 std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets,
-                                               std::vector<std::string> bases = base_parameter_names());
+                                               std::vector<std::string> names = base_parameter_names());
 
 }  // namespace kdl_calibration

@@ -106,6 +106,18 @@ std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, In
   return result;
 }
 
+Measurements before_touches(const VirtualRobot& robot, Index configurations) {
+  Measurements result;
+  result.source = "simulation";
+  for (const MovingJoint& joint : robot.model.joints) {
+    result.joints.push_back(joint.name);
+    result.joint_units.push_back(joint.type == JointType::prismatic ? JointUnit::metre : JointUnit::radian);
+  }
+  result.targets = {robot.truth.targets.front().name};
+  result.joint_values.resize(static_cast<Index>(robot.model.joints.size()), configurations);
+  return result;
+}
+
 }  // namespace
 
 Measurements touch(const Plate& plate, const JointRanges& ranges, Index configurations, double sigma, Random& random,
@@ -120,14 +132,7 @@ Measurements touch(const Plate& plate, const JointRanges& ranges, Index configur
     refuse_input("a robot with mimic joints and a plate", "independent joints");
   }
   const Ball ball(robot, ranges);
-  Measurements result;
-  result.source = "simulation";
-  for (const MovingJoint& joint : robot.model.joints) {
-    result.joints.push_back(joint.name);
-    result.joint_units.push_back(joint.type == JointType::prismatic ? JointUnit::metre : JointUnit::radian);
-  }
-  result.targets = {robot.truth.targets.front().name};
-  result.joint_values.resize(static_cast<Index>(ranges.size()), configurations);
+  Measurements result = before_touches(robot, configurations);
   std::vector<Isometry3d> bases;
   for (int station = 0; station < plate.places; ++station) {
     const Index first = configurations * station / plate.places;
