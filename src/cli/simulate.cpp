@@ -145,8 +145,7 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
   add_effects(arguments, set, result.robot);
   if (!arguments.places.sockets.empty()) {
-    result.measurements =
-        touch(plate_of(arguments.places), set.ranges, set.configurations, arguments.noise.sigma, random, result.robot);
+    result.measurements = touch(plate_of(arguments), set.ranges, set.configurations, random, result.robot);
     result.truth = truth_of(robot, arguments, set, result.robot);
     return result;
   }

@@ -38,9 +38,9 @@ VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std:
   return at_stations(std::move(robot), arguments.stations, random);
 }
 
-Plate plate_of(const PlaceArguments& arguments) {
-  Plate plate{.sockets = {}, .places = arguments.stations};
-  for (const TargetFrame& socket : read_targets(arguments.sockets)) {
+Plate plate_of(const SimulateArguments& arguments) {
+  Plate plate{.sockets = {}, .places = arguments.places.stations, .sigma = arguments.noise.sigma};
+  for (const TargetFrame& socket : read_targets(arguments.places.sockets)) {
     plate.sockets.emplace_back(socket.X_FT.translation());
   }
   return plate;

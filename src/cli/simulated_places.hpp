@@ -17,6 +17,6 @@ void require_places(const SimulateArguments& arguments);
 /// Moves the robot's tracker to `stations` places, drawn from a stream of their own.
 VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std::uint64_t seed);
 /// The plate with the sockets of --sockets.
-Plate plate_of(const PlaceArguments& arguments);
+Plate plate_of(const SimulateArguments& arguments);
 
 }  // namespace kdl_calibration::cli

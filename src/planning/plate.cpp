@@ -88,8 +88,7 @@ struct PlacedPlate {
   MatrixXd joint_values;
 };
 
-std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, Index configurations, double sigma,
-                                        Random& random) {
+std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, Index configurations, Random& random) {
   PlacedPlate result;
   const VectorXd q = ball.any(random);
   result.X_BW.linear() = rotation_exp(three_normals(random));
@@ -97,7 +96,7 @@ std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, In
   result.joint_values.resize(q.size(), configurations);
   for (Index c = 0; c < configurations; ++c) {
     const Vector3d& socket = plate.sockets[static_cast<std::size_t>(c) % plate.sockets.size()];
-    const std::optional<VectorXd> there = ball.at(result.X_BW * (socket + sigma * three_normals(random)), random);
+    const std::optional<VectorXd> there = ball.at(result.X_BW * (socket + plate.sigma * three_normals(random)), random);
     if (!there) {
       return std::nullopt;
     }
@@ -118,12 +117,19 @@ Measurements before_touches(const VirtualRobot& robot, Index configurations) {
   return result;
 }
 
-}  // namespace
+PlacedPlate found_place(const Plate& plate, const Ball& ball, Index configurations, Random& random) {
+  constexpr int kTrials = 50;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    if (std::optional<PlacedPlate> found = placed_plate(plate, ball, configurations, random)) {
+      return std::move(*found);
+    }
+  }
+  refuse_input("no place of the plate was found where the arm reaches every socket",
+               "sockets closer together or wider joint ranges");
+}
 
-Measurements touch(const Plate& plate, const JointRanges& ranges, Index configurations, double sigma, Random& random,
-                   VirtualRobot& robot) {
-  constexpr int kTrials = 50;  // of a place
-  require_sigma("the noise of a touch", sigma);
+void require_touchable(const Plate& plate, const JointRanges& ranges, const VirtualRobot& robot) {
+  require_sigma("the noise of a touch", plate.sigma);
   require_at_least("sockets of a plate", plate.sockets.size(), 1);
   require_count("targets of a robot that touches a plate", robot.truth.targets.size(), 1);
   require_count("ranges of joints", ranges.size(), robot.model.joints.size());
@@ -131,28 +137,28 @@ Measurements touch(const Plate& plate, const JointRanges& ranges, Index configur
                   [](const MovingJoint& joint) { return joint.mimic.has_value(); })) {
     refuse_input("a robot with mimic joints and a plate", "independent joints");
   }
+}
+
+}  // namespace
+
+Measurements touch(const Plate& plate, const JointRanges& ranges, Index configurations, Random& random,
+                   VirtualRobot& robot) {
+  require_touchable(plate, ranges, robot);
   const Ball ball(robot, ranges);
   Measurements result = before_touches(robot, configurations);
   std::vector<Isometry3d> bases;
   for (int station = 0; station < plate.places; ++station) {
     const Index first = configurations * station / plate.places;
     const Index count = configurations * (station + 1) / plate.places - first;
-    std::optional<PlacedPlate> found;
-    for (int trial = 0; trial < kTrials && !found; ++trial) {
-      found = placed_plate(plate, ball, count, sigma, random);
-    }
-    if (!found) {
-      refuse_input("no place of the plate was found where the arm reaches every socket",
-                   "sockets closer together or wider joint ranges");
-    }
-    bases.push_back(found->X_BW.inverse());
+    const PlacedPlate found = found_place(plate, ball, count, random);
+    bases.push_back(found.X_BW.inverse());
     result.stations.push_back("P" + std::to_string(station + 1));
-    result.joint_values.middleCols(first, count) = found->joint_values;
+    result.joint_values.middleCols(first, count) = found.joint_values;
     for (Index c = first; c < first + count; ++c) {
       result.configurations.push_back(std::to_string(c + 1));
       result.observations.push_back(
           {.position = plate.sockets[static_cast<std::size_t>(c - first) % plate.sockets.size()],
-           .sigma = sigma,
+           .sigma = plate.sigma,
            .configuration = static_cast<std::int32_t>(c),
            .station = static_cast<std::int16_t>(station)});
     }

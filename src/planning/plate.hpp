@@ -14,13 +14,14 @@ namespace kdl_calibration {
 struct Plate {
   std::vector<Eigen::Vector3d> sockets;  ///< [m] centres of a ball in them, in the plate's frame
   int places = 4;
+  double sigma = 0.0;  ///< [m] of each coordinate of the ball's centre beside the socket's
 };
 
 /// Sets the ball of the tool, the robot's only target, into the sockets in turn, with different joint values each time.
-/// The measured point of a row is the socket; the ball is off it by `sigma` [m] of each coordinate. The places are
+/// The measured point of a row is the socket; the ball is off it by `sigma`. The places are
 /// drawn where the arm reaches every socket within `ranges`; the robot's bases become those of the places. Throws
 /// InputError if no such place is found, for another number of targets and for mimic joints.
-Measurements touch(const Plate& plate, const JointRanges& ranges, Eigen::Index configurations, double sigma,
-                   Random& random, VirtualRobot& robot);
+Measurements touch(const Plate& plate, const JointRanges& ranges, Eigen::Index configurations, Random& random,
+                   VirtualRobot& robot);
 
 }  // namespace kdl_calibration

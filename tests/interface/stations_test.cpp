@@ -83,7 +83,8 @@ struct Ball : testing::VirtualExperiment {
 
   Measurements touched(int places, int count, double noise = 0.0,
                        const std::vector<Eigen::Vector3d>& sockets = {{0.0, 0.0, 0.0}, {0.4, 0.0, 0.0}}) {
-    return testing::without_sigmas(touch({.sockets = sockets, .places = places}, ranges, count, noise, random, robot));
+    return testing::without_sigmas(
+        touch({.sockets = sockets, .places = places, .sigma = noise}, ranges, count, random, robot));
   }
 };
 

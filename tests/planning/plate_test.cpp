@@ -22,7 +22,7 @@ const Plate kPlate{.sockets = {{0.0, 0.0, 0.0}, {0.3, 0.0, 0.0}}, .places = 4};
 
 TEST(Plate, TheBallIsInTheSockets) {
   testing::VirtualExperiment experiment = ball();
-  const Measurements touches = touch(kPlate, experiment.ranges, 24, 0.0, experiment.random, experiment.robot);
+  const Measurements touches = touch(kPlate, experiment.ranges, 24, experiment.random, experiment.robot);
   EXPECT_EQ(touches.stations.size(), 4U);
   EXPECT_EQ(experiment.robot.model.stations, touches.stations);
   const auto X_BF = flange_poses(experiment.robot.model, experiment.robot.truth, touches);
@@ -38,10 +38,10 @@ TEST(Plate, TheBallIsInTheSockets) {
 TEST(Plate, IsRefusedWhereTheArmReachesNone) {
   testing::VirtualExperiment experiment = ball();
   const Plate far{.sockets = {{0.0, 0.0, 0.0}, {30.0, 0.0, 0.0}}, .places = 1};
-  EXPECT_THAT(refusal([&] { return touch(far, experiment.ranges, 4, 0.0, experiment.random, experiment.robot); }),
+  EXPECT_THAT(refusal([&] { return touch(far, experiment.ranges, 4, experiment.random, experiment.robot); }),
               HasSubstr("no place of the plate was found"));
   testing::VirtualExperiment several;
-  EXPECT_THAT(refusal([&] { return touch(kPlate, several.ranges, 4, 0.0, several.random, several.robot); }),
+  EXPECT_THAT(refusal([&] { return touch(kPlate, several.ranges, 4, several.random, several.robot); }),
               HasSubstr("targets of a robot that touches a plate"));
 }
 
