@@ -140,7 +140,7 @@ void SizeEstimator::solve(const std::vector<double>& variances, double variance,
   }
   fit.root.diagonal().array() += 1.0;
   factorise(fit.root);
-  VectorXd u = S.cwiseProduct(moment_);
+  MatrixXd u = S.cwiseProduct(moment_);
   fit.root.triangularView<Eigen::Lower>().solveInPlace(u);
   fit.root.triangularView<Eigen::Lower>().adjoint().solveInPlace(u);
   fit.x = S.cwiseProduct(u);

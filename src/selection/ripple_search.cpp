@@ -224,10 +224,10 @@ private:
     MatrixXd result = columns;
     for (auto column : result.colwise()) {
       VectorXd own = VectorXd::Zero(data_.rows.columns());
-      VectorXd solution = data_.rows.moments(column)(data_.columns);
+      MatrixXd solution = data_.rows.moments(column)(data_.columns);
       root_.triangularView<Eigen::Lower>().solveInPlace(solution);
       root_.triangularView<Eigen::Lower>().adjoint().solveInPlace(solution);
-      own(data_.columns) = solution;
+      own(data_.columns) = solution.col(0);
       column = data_.rows.residual(column, own);
     }
     return result;
