@@ -27,7 +27,7 @@ ConfigurationSystems::ConfigurationSystems(const FitProblem& fit, const MatrixXd
       measurements_(fit.measurements),
       residuals_(fit.options.joint.residuals),
       estimate_(fit.start),
-      transposed_R_(R.transpose()) {
+      transposed_(R.transpose()) {
   // If all targets are free, their columns are those of U.
   std::vector<std::size_t> coordinates(6 * measurements_.targets.size());
   std::iota(coordinates.begin(), coordinates.end(), 0U);
@@ -41,7 +41,7 @@ std::vector<ConfigurationSystem> ConfigurationSystems::of(const std::vector<std:
   std::vector<Oriented> oriented(rows.size());
   const WhitenedSystem system = whitened(rows, oriented);
   MatrixXd solved = system.jacobian(Eigen::all, estimated_).transpose();
-  solve_lower(transposed_R_, solved);
+  solve_lower(transposed_, solved);
   std::vector<ConfigurationSystem> results(rows.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     ConfigurationSystem& result = results[i];

@@ -51,7 +51,7 @@ private:
   const Measurements& measurements_;
   const ResidualOptions& residuals_;
   const Estimate& estimate_;
-  Eigen::MatrixXd transposed_R_;
+  Eigen::MatrixXd transposed_;
   Unknowns all_;
   std::vector<Eigen::Index> estimated_;  // columns of the estimated unknowns among all
 };
