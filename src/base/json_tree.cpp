@@ -65,6 +65,13 @@ Eigen::Quaterniond quaternion(const Node& node) {
   return Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]).normalized();
 }
 
+Eigen::Isometry3d pose(const Node& node) {
+  Eigen::Isometry3d result = Eigen::Isometry3d::Identity();
+  result.translation() = numbers<3>(member(node, "position"));
+  result.linear() = quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
+  return result;
+}
+
 namespace {
 
 void turn_numbers_into_doubles(nlohmann::json& value) {

@@ -45,6 +45,8 @@ Eigen::Matrix<double, kSize, 1> numbers(const Node& node) {
 
 /// A unit quaternion.
 Eigen::Quaterniond quaternion(const Node& node);
+/// {"position", "quaternion_wxyz"}
+Eigen::Isometry3d pose(const Node& node);
 
 /// SHA-256 of each member's value, except `provenance`, which users may edit, and `hashes`. It depends on values only,
 /// as editors and jq may print them differently, such as 1 for 1.0.

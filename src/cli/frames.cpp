@@ -22,14 +22,8 @@ using tree::name;
 using tree::Node;
 using tree::number;
 using tree::numbers;
+using tree::pose;
 using tree::quaternion;
-
-Eigen::Isometry3d frame_of(const Node& node) {
-  Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
-  frame.translation() = numbers<3>(member(node, "position"));
-  frame.linear() = quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
-  return frame;
-}
 
 }  // namespace
 
@@ -37,7 +31,7 @@ Json json_of(std::string_view text, const std::string& source) { return tree::pa
 
 Eigen::Isometry3d base_of(const Json& json, const std::string& source) {
   const Node top{.json = json, .where = source};
-  return frame_of(has(top, "base") ? member(top, "base") : top);
+  return pose(has(top, "base") ? member(top, "base") : top);
 }
 
 ControllerFrames controller_frames_of(const Json& json, const std::string& source) {
@@ -47,10 +41,10 @@ ControllerFrames controller_frames_of(const Json& json, const std::string& sourc
   }
   ControllerFrames frames;
   if (has(top, "user")) {
-    frames.X_BU = frame_of(member(top, "user"));
+    frames.X_BU = pose(member(top, "user"));
   }
   if (has(top, "tool")) {
-    frames.X_FT = frame_of(member(top, "tool"));
+    frames.X_FT = pose(member(top, "tool"));
   }
   frames.found_with = found_with(json, source);
   return frames;

@@ -376,13 +376,6 @@ Accuracy accuracy_of(const Node& top) {
   return result;
 }
 
-Eigen::Isometry3d pose_of(const Node& node) {
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.translation() = tree::numbers<3>(member(node, "position"));
-  pose.linear() = tree::quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
-  return pose;
-}
-
 // Of several stations; "base" is that of the first.
 void read_stations(const Node& top, SavedCalibration& saved) {
   if (!has(top, "stations")) {
@@ -392,7 +385,7 @@ void read_stations(const Node& top, SavedCalibration& saved) {
   for (const Node& node : elements(block)) {
     saved.model.stations.push_back(tree::name(member(node, "name")));
     if (saved.model.stations.size() > 1) {
-      saved.estimate.other_bases.push_back(pose_of(node));
+      saved.estimate.other_bases.push_back(tree::pose(node));
     }
   }
   const std::set<std::string> names(saved.model.stations.begin(), saved.model.stations.end());
@@ -412,7 +405,7 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   read_stations(top, saved);
   const std::vector<double> effects_freedom = read_parameters(top, saved);
   if (has(top, "base")) {
-    saved.estimate.X_WB = pose_of(member(top, "base"));
+    saved.estimate.X_WB = tree::pose(member(top, "base"));
   }
   if (has(top, "targets")) {
     saved.estimate.targets = targets_of(top);
