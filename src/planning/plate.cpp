@@ -76,12 +76,6 @@ private:
   Vector3d ball_;
 };
 
-Vector3d three_normals(Random& random) {
-  const double x = random.normal();
-  const double y = random.normal();
-  return {x, y, random.normal()};
-}
-
 // A place of the plate with joint values (joints x configurations) for its sockets in turn.
 struct PlacedPlate {
   Isometry3d X_BW = Isometry3d::Identity();
@@ -91,12 +85,12 @@ struct PlacedPlate {
 std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, Index configurations, Random& random) {
   PlacedPlate result;
   const VectorXd q = ball.any(random);
-  result.X_BW.linear() = rotation_exp(three_normals(random));
+  result.X_BW.linear() = rotation_exp(normal_vector(random));
   result.X_BW.translation() = ball.position(q) - result.X_BW.linear() * plate.sockets.front();
   result.joint_values.resize(q.size(), configurations);
   for (Index c = 0; c < configurations; ++c) {
     const Vector3d& socket = plate.sockets[static_cast<std::size_t>(c) % plate.sockets.size()];
-    const std::optional<VectorXd> there = ball.at(result.X_BW * (socket + plate.sigma * three_normals(random)), random);
+    const std::optional<VectorXd> there = ball.at(result.X_BW * (socket + plate.sigma * normal_vector(random)), random);
     if (!there) {
       return std::nullopt;
     }

@@ -154,8 +154,6 @@ DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::Mat
   return result;
 }
 
-namespace {
-
 Eigen::Vector3d normal_vector(Random& random) {
   Eigen::Vector3d v;
   for (int axis = 0; axis < 3; ++axis) {
@@ -163,6 +161,8 @@ Eigen::Vector3d normal_vector(Random& random) {
   }
   return v;
 }
+
+namespace {
 
 // Noise of a point at `position` in W, from three standard normal numbers.
 Eigen::Vector3d point_noise(const MeasuringNoise& noise, const Eigen::Vector3d& position,

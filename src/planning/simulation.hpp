@@ -43,6 +43,9 @@ std::vector<TargetFrame> published_targets(int count = 3);
 /// and errors of the tools' lengths.
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random);
+/// Three independent standard normal numbers.
+Eigen::Vector3d normal_vector(Random& random);
+
 /// The same robot with its displacement applied to X_WB.
 VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
 
