@@ -10,6 +10,7 @@
 
 #include "estimation/linear_system.hpp"
 #include "estimation/prediction.hpp"
+#include "estimation/scaled_solver.hpp"
 #include "estimation/unknowns.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
@@ -47,27 +48,25 @@ public:
     constexpr double kLeastDamping = 1e-9;  // undetermined directions stay as they are
     constexpr double kSettled = 1e-13;      // of the squared length of a step
     double damping = kLeastDamping;
-    double cost = linearise(estimate).cost;
+    ScaledSolver solver;
+    NormalEquations equations = linearise(estimate);
     for (int step = 0; step < kSteps && damping < 1e12; ++step) {
-      const NormalEquations equations = linearise(estimate);
-      const VectorXd scale = unit_scale_of_information(equations.hessian);
-      MatrixXd scaled = scale.asDiagonal() * equations.hessian * scale.asDiagonal();
-      scaled.diagonal().array() += damping;
-      const VectorXd move = scale.cwiseProduct(scaled.ldlt().solve(VectorXd(scale.cwiseProduct(equations.gradient))));
+      solver.solve(equations.hessian, damping * equations.hessian.diagonal(), equations.gradient);
+      const VectorXd& move = solver.solution();
       const Estimate next = moved(estimate, move);
-      const double next_cost = linearise(next).cost;
-      if (!(next_cost <= cost * (1.0 + 1e-12))) {
+      NormalEquations there = linearise(next);
+      if (!(there.cost <= equations.cost * (1.0 + 1e-12))) {
         damping = std::max(10.0 * damping, 1e-6);
         continue;
       }
       estimate = next;
-      cost = next_cost;
+      equations = std::move(there);
       damping = std::max(0.1 * damping, kLeastDamping);
       if (move.squaredNorm() < kSettled * kSettled) {
         break;
       }
     }
-    return cost;
+    return equations.cost;
   }
 
   // Number of directions of the unknown frames that the rows do not determine.
