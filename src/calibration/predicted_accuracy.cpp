@@ -101,12 +101,11 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
   }
   const PointPredictor predictor(basis);
   const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
-  const auto at_measured = [&] {
-    return predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals);
-  };
   const bool is_known = uncertain.covariance.diagonal().allFinite();
+  const Eigen::MatrixXd there =
+      is_known ? predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals) : Eigen::MatrixXd();
   if (is_known && !model.stations.empty()) {  // of the arm alone, as all predictions without a station
-    const double largest = at_measured().maxCoeff();
+    const double largest = there.maxCoeff();
     result.region.largest_variance = largest * largest;
     basis.region = result.region;
   }
@@ -114,7 +113,6 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
   if (!is_known) {
     return result;
   }
-  const Eigen::MatrixXd there = at_measured();
   if (there.allFinite()) {
     result.measured = error_statistics(listed_values(there));
   }

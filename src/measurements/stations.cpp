@@ -10,15 +10,12 @@
 namespace kdl_calibration {
 
 StationRows rows_of_station(const Measurements& measurements, std::size_t station) {
-  StationRows result;
+  StationRows result{.measurements = measurements, .rows = {}};
   Measurements& own = result.measurements;
-  own.source = measurements.source;
-  own.joints = measurements.joints;
-  own.joint_values = measurements.joint_values;
-  own.configurations = measurements.configurations;
-  own.targets = measurements.targets;
-  own.joint_units = measurements.joint_units;
-  own.signals = measurements.signals;
+  own.stations.clear();
+  own.observations.clear();
+  own.orientations.clear();
+  own.order.clear();
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     if (station_of(measurements.observations[row]) != station) {
       continue;

@@ -162,9 +162,12 @@ Measurements rest_of(const Measurements& station, const std::vector<Eigen::Index
 // Leaves the folds alone if that takes all.
 void keep_bases(const Measurements& measurements, std::vector<std::vector<Eigen::Index>>& folds) {
   constexpr std::size_t kEnough = 10;  // configurations beside the fold
+  if (measurements.stations.size() < 2) {
+    return;
+  }
   std::vector<std::vector<Eigen::Index>> kept = folds;
   const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
-  for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
+  for (std::size_t s = 0; s < measurements.stations.size(); ++s) {
     const Measurements own = rows_of_station(measurements, s).measurements;
     const Eigen::Index open = loose_rotations(rest_of(own, {})).axes.cols();
     const auto all =
