@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
@@ -31,26 +32,13 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::bundled_robot;
+using testing::geometry_alone;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::refusal;
 
 constexpr double kNoise = 3e-5;
-
-const Robot& fanuc() {
-  static const Robot robot = testing::fanuc();
-  return robot;
-}
-
-// A fit of the geometry with equal weights: its covariance is exact for noise that is equal and independent.
-CalibrationOptions plain() {
-  return {.priors = {.automatic = false},
-          .effects = {.groups = {}, .automatic = false},
-          .noise = {.weights = Weights::equal},
-          .validation = {.held_out = false},
-          .diagnosis = {.try_readings = false},
-          .threads = 1};
-}
 
 // One robot, measured again and again: each time base, targets and configurations are others.
 class Campaigns : public testing::VirtualExperiment {
@@ -77,8 +65,8 @@ public:
     return some;
   }
   Calibration calibrated(int count = 30, std::size_t count_of_targets = 3,
-                         const CalibrationOptions& options = plain()) {
-    return calibrate(fanuc(), campaign(count, count_of_targets), options);
+                         const CalibrationOptions& options = geometry_alone()) {
+    return calibrate(bundled_robot(), campaign(count, count_of_targets), options);
   }
 };
 
@@ -168,7 +156,7 @@ TEST(ComparisonLongRun, ComparesDifferentTargetsByWhatBothTell) {
 TEST(Comparison, RefusesWhatCannotBeCompared) {
   Campaigns robot;
   const Calibration good = robot.calibrated();
-  CalibrationOptions open = plain();
+  CalibrationOptions open = geometry_alone();
   open.estimator.method = Method::two_step;
   open.estimator.iterations = 1;
   const Calibration unfinished = robot.calibrated(30, 3, open);
@@ -176,14 +164,14 @@ TEST(Comparison, RefusesWhatCannotBeCompared) {
   EXPECT_THAT(refusal([&] { compare(good, unfinished); }), HasSubstr("the later calibration is not to be trusted"));
   EXPECT_THAT(refusal([&] { compare(unfinished, good); }), HasSubstr("the earlier calibration is not to be trusted"));
   const Robot other = load_robot(URDF_DIR "/fanuc_r2000ic_165f.urdf", {.tip = "link_6"});
-  EXPECT_THAT(refusal([&] { compare(good, calibrate(other, robot.campaign(30), plain())); }),
+  EXPECT_THAT(refusal([&] { compare(good, calibrate(other, robot.campaign(30), geometry_alone())); }),
               HasSubstr("of different robots"));
 }
 
 // ---- Continuation --------------------------------------------------------------------------------------------------
 
 CalibrationOptions continuing(const Calibration& earlier) {
-  CalibrationOptions options = plain();
+  CalibrationOptions options = geometry_alone();
   options.priors = {.earlier = &earlier};
   options.effects.automatic = std::nullopt;
   return options;
@@ -211,8 +199,8 @@ TEST(Continuation, OfAnUnchangedRobotAddsTheInformation) {
   Campaigns robot;
   const Calibration before = robot.calibrated();
   const Measurements more = robot.campaign(30);
-  const Calibration alone = calibrate(fanuc(), more, plain());
-  const Calibration both = calibrate(fanuc(), more, continuing(before));
+  const Calibration alone = calibrate(bundled_robot(), more, geometry_alone());
+  const Calibration both = calibrate(bundled_robot(), more, continuing(before));
   EXPECT_THAT(continued(both).comparison.changes, IsEmpty());
   EXPECT_GT(continued(both).comparison.p_value, 1e-3);
   for (const std::string& name : alone.estimated()) {
@@ -234,7 +222,7 @@ TEST(Continuation, NamesTheJointThatHasChanged) {
   Campaigns robot;
   const Calibration before = robot.calibrated();
   robot.change("dq2", 1e-3);
-  const Calibration after = calibrate(fanuc(), robot.campaign(8), continuing(before));
+  const Calibration after = calibrate(bundled_robot(), robot.campaign(8), continuing(before));
   EXPECT_TRUE(after.trusted());
   EXPECT_LT(continued(after).comparison.p_value, 1e-3);
   ASSERT_FALSE(continued(after).comparison.changes.empty());
@@ -250,7 +238,7 @@ TEST(Continuation, RefusesOtherChoicesBesideIt) {
   const auto refused = [&](const std::function<void(CalibrationOptions&)>& state) {
     CalibrationOptions options = continuing(before);
     state(options);
-    return refusal([&] { calibrate(fanuc(), few, options); });
+    return refusal([&] { calibrate(bundled_robot(), few, options); });
   };
   EXPECT_THAT(refused([](auto& options) { options.parameters.fix = {"dq2"}; }), HasSubstr("no fix beside it"));
   EXPECT_THAT(refused([](auto& options) { options.parameters.model = ModelChoice::complete; }),
@@ -276,8 +264,8 @@ TEST(ContinuationLongRun, OfEightConfigurationsIsWorthNearlyAllOfThirty) {
     const Measurements full = robot.campaign(30);
     const Measurements few = subset(full, [](const Observation& row) { return row.configuration < 8; });
     const Measurements test = robot.measure(50, {.sigma = kNoise});
-    few_squares += std::pow(held_out(calibrate(fanuc(), few, continuing(before)), test), 2);
-    full_squares += std::pow(held_out(calibrate(fanuc(), full, plain()), test), 2);
+    few_squares += std::pow(held_out(calibrate(bundled_robot(), few, continuing(before)), test), 2);
+    full_squares += std::pow(held_out(calibrate(bundled_robot(), full, geometry_alone()), test), 2);
   }
   std::cout << "held out " << 1e3 * std::sqrt(few_squares / kRobots) << " mm with eight, "
             << 1e3 * std::sqrt(full_squares / kRobots) << " mm with thirty\n";

@@ -13,6 +13,7 @@
 
 #include "calibration/parameter_estimates.hpp"
 #include "effects/arm_kinematics.hpp"
+#include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/result_file.hpp"
@@ -29,24 +30,11 @@ using Eigen::Index;
 using Eigen::Matrix3Xd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::bundled_robot;
 using ::testing::ElementsAre;
+using testing::geometry_alone;
 using ::testing::HasSubstr;
 using testing::refusal;
-
-const Robot& fanuc() {
-  static const Robot robot = testing::fanuc();
-  return robot;
-}
-
-// A fit of the geometry with equal weights.
-CalibrationOptions plain() {
-  return {.priors = {.automatic = false},
-          .effects = {.groups = {}, .automatic = false},
-          .noise = {.weights = Weights::equal},
-          .validation = {.held_out = false},
-          .diagnosis = {.try_readings = false},
-          .threads = 1};
-}
 
 // Points of the targets in the base frame at fresh configurations.
 Matrix3Xd points(const ErrorModel& model, const Estimate& estimate, const MatrixXd& q) {
@@ -91,7 +79,7 @@ struct Ball : testing::VirtualExperiment {
 TEST(StationsOfATracker, AreExactWithoutNoise) {
   Tracker experiment;
   const Measurements measurements = experiment.measured(30);
-  const Calibration found = calibrate(fanuc(), measurements, plain());
+  const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
   EXPECT_TRUE(found.trusted());
   const CalibrationParts& parts = found.parts();
   EXPECT_EQ(found.estimated().size(), 27U + 3U * 6U);
@@ -114,7 +102,7 @@ TEST(PlacesOfAPlate, AreExactWithoutNoiseAndDetermineFiveDirectionsEach) {
   for (const int places : {4, 6, 9}) {
     Ball experiment(static_cast<std::uint64_t>(places));
     const Measurements measurements = experiment.touched(places, 72);
-    const Calibration found = calibrate(fanuc(), measurements, plain());
+    const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
     EXPECT_TRUE(found.trusted()) << places;
     EXPECT_TRUE(found.doubts().empty());
     const auto arm = static_cast<int>(experiment.reduction.kept.size()) - 6;
@@ -131,7 +119,7 @@ TEST(PlacesOfAPlate, AreExactWithoutNoiseAndDetermineFiveDirectionsEach) {
 // The residuals alone would let the predicted points show these rotations.
 TEST(PlacesOfAPlate, WithNoiseDetermineNoMore) {
   Ball experiment(8);
-  const Calibration found = calibrate(fanuc(), experiment.touched(4, 40, 3e-5), plain());
+  const Calibration found = calibrate(bundled_robot(), experiment.touched(4, 40, 3e-5), geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 4);
   const MatrixXd q = experiment.configurations(50);
@@ -146,7 +134,7 @@ TEST(PlacesOfAPlate, WithSocketsOnALineHoldTheRotationAboutIt) {
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     Ball experiment(seed);
     const Measurements touches = experiment.touched(4, 40, 3e-5, {{0.0, 0.0, 0.0}, {0.1, 0.1, 0.1}, {0.3, 0.3, 0.3}});
-    const Calibration found = calibrate(fanuc(), touches, plain());
+    const Calibration found = calibrate(bundled_robot(), touches, geometry_alone());
     const std::vector<std::string> estimated = found.estimated();
     EXPECT_EQ(estimated.size(), experiment.reduction.kept.size() - 6 + 5 * 4) << seed;
     for (const ParameterEstimate& parameter : found.parameters()) {
@@ -162,9 +150,9 @@ TEST(Stations, OfOneConfigurationAreNotLeftOut) {
   Tracker experiment(7);
   const Measurements few = subset(experiment.measured(30, 3e-5),
                                   [](const Observation& o) { return o.station < 2 || o.configuration == 29; });
-  CalibrationOptions options = plain();
+  CalibrationOptions options = geometry_alone();
   options.validation.held_out = true;
-  const Calibration found = calibrate(fanuc(), few, options);
+  const Calibration found = calibrate(bundled_robot(), few, options);
   EXPECT_EQ(found.accuracy().leave_one_out->after.count, 3 * 20);
 }
 
@@ -174,7 +162,7 @@ TEST(Stations, OfTestRowsAloneAreRefused) {
   for (Observation& observation : measurements.observations) {
     observation.split = observation.station == 2 ? Split::test : Split::train;
   }
-  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), measurements, plain()); }),
+  EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, geometry_alone()); }),
               HasSubstr("station 'S3' has test rows alone"));
 }
 
@@ -197,7 +185,7 @@ TEST(PlacesOfAPlate, WithOneSocketHoldThreeRotationsBesideATracker) {
             ? 0
             : 1 + touches.observations[static_cast<std::size_t>(observation.configuration) - 30].station);
   }
-  const Calibration found = calibrate(fanuc(), both, plain());
+  const Calibration found = calibrate(bundled_robot(), both, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 2U * 3U);
   const MatrixXd q = experiment.configurations(50);
@@ -211,27 +199,27 @@ TEST(Stations, AKnownBaseMakesTheFirstOffsetDetermined) {
   Tracker experiment(3);
   experiment.robot.truth.errors[static_cast<Index>(parameter_index(experiment.model, "dq1"))] = 2e-3;
   const Measurements measurements = experiment.measured(30);
-  CalibrationOptions options = plain();
+  CalibrationOptions options = geometry_alone();
   options.parameters.known_stations = {{"S2", experiment.robot.truth.base(1)}};
-  const Calibration found = calibrate(fanuc(), measurements, options);
+  const Calibration found = calibrate(bundled_robot(), measurements, options);
   EXPECT_NEAR(found.error("dq1"), 2e-3, 1e-9);
   EXPECT_EQ(found.std("base[S2].Tx"), 0.0);
   EXPECT_GT(found.std("base[S1].Tx"), 0.0);
   options.parameters.known_stations = {{"S4", experiment.robot.truth.base(1)}};
-  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), measurements, options); }), HasSubstr("station 'S4'"));
+  EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, options); }), HasSubstr("station 'S4'"));
   options.parameters.known_stations.clear();
   options.parameters.known_base = experiment.robot.truth.X_WB;
-  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), measurements, options); }),
+  EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, options); }),
               HasSubstr("a known base without its station"));
 }
 
 TEST(Stations, ASavedResultPredictsTheSame) {
   Tracker experiment(2);
   const Measurements measurements = experiment.measured(30, 3e-5);
-  const Calibration found = calibrate(fanuc(), measurements, plain());
+  const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_stations_test.json";
-  write_result(file, fanuc(), measurements, found);
-  const Calibration again = load_calibration(file, fanuc());
+  write_result(file, bundled_robot(), measurements, found);
+  const Calibration again = load_calibration(file, bundled_robot());
   std::filesystem::remove(file);
   EXPECT_EQ(again.estimated(), found.estimated());
   const VectorXd q = experiment.configurations(1).col(0);
@@ -253,23 +241,23 @@ TEST(Stations, ASavedResultPredictsTheSame) {
 
 TEST(Stations, AutomaticChoicesAndFoldsWorkWithSeveral) {
   Tracker experiment(6);
-  const Calibration found = calibrate(fanuc(), experiment.measured(36, 3e-5));
+  const Calibration found = calibrate(bundled_robot(), experiment.measured(36, 3e-5));
   EXPECT_TRUE(found.trusted());
   ASSERT_TRUE(found.accuracy().leave_one_out);
   const double before = found.accuracy().leave_one_out->before.rms;
   const double after = found.accuracy().leave_one_out->after.rms;
   EXPECT_GT(before, 1e-3);
   EXPECT_LT(after, 1.2e-4);
-  CalibrationOptions folds = plain();
+  CalibrationOptions folds = geometry_alone();
   folds.validation = {.k_fold = 4};
-  EXPECT_LT(calibrate(fanuc(), experiment.measured(36, 3e-5), folds).accuracy().k_fold->after.rms, 1.5e-4);
+  EXPECT_LT(calibrate(bundled_robot(), experiment.measured(36, 3e-5), folds).accuracy().k_fold->after.rms, 1.5e-4);
 }
 
 TEST(Stations, TwoStepIsRefused) {
   Tracker experiment(1);
   CalibrationOptions options;
   options.estimator.method = Method::two_step;
-  EXPECT_THAT(refusal([&] { return calibrate(fanuc(), experiment.measured(12), options); }),
+  EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), experiment.measured(12), options); }),
               HasSubstr("has several stations"));
 }
 
@@ -315,7 +303,7 @@ TEST(StationsLongRun, IntervalsAndRadiiOfAMovedTrackerCover) {
   for (std::uint64_t run = 0; run < 300; ++run) {
     experiment.restart(Random(11, run));
     experiment.move();
-    const Calibration found = calibrate(fanuc(), experiment.measured(24, kNoise), plain());
+    const Calibration found = calibrate(bundled_robot(), experiment.measured(24, kNoise), geometry_alone());
     coverage.add(found, experiment.robot);
     const MatrixXd q = experiment.configurations(9);
     const Measurements fresh = experiment.measure(q, {.sigma = kNoise});
@@ -334,7 +322,7 @@ TEST(StationsLongRun, IntervalsOfTouchedPlatesCover) {
   Coverage coverage;
   for (std::uint64_t run = 0; run < 300; ++run) {
     experiment.restart(Random(12, run));
-    const Calibration found = calibrate(fanuc(), experiment.touched(4, 40, kNoise), plain());
+    const Calibration found = calibrate(bundled_robot(), experiment.touched(4, 40, kNoise), geometry_alone());
     coverage.add(found, experiment.robot);
   }
   coverage.expect();
