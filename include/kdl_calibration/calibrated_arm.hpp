@@ -53,9 +53,10 @@ public:
   Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q,
                                 Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const;
 
-  /// With several stations the base frame is that of the arm, whose uncertainty contains no station's; the measuring
-  /// frame is that of the named `station`. Also throws InputError for an unknown station or a missing name, and where
-  /// the result file holds no covariance: of version 0.1, or with more than 300 parameters.
+  /// If the measurements had several stations, the measuring frame is that of the named `station`. In the base frame
+  /// the uncertainty is that of the arm alone, or contains that of the base at a named station. Also throws InputError
+  /// for an unknown station, for the measuring frame without its station, and where the result file holds no
+  /// covariance: of version 0.1, or with more than 300 parameters.
   PredictedPoint predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
                          PredictionFrame frame = PredictionFrame::base, const std::string& station = {}) const;
 

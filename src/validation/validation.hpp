@@ -47,8 +47,8 @@ struct HoldOut {
 };
 
 /// The training configurations in `folds` groups, assigned at random from the seed; one configuration per group if
-/// `folds` is 0 or at least their number. Neighbours (first_of_neighbours) stay in one group. If others of
-/// its station do not determine its base without a configuration, it is in no group.
+/// `folds` is 0 or at least their number. Neighbours (first_of_neighbours) stay in one group. A configuration
+/// without which its station would not determine the base is in no group.
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
 /// Whether, without any one fold, the training rows have at least as many equations as there are unknowns.
