@@ -61,12 +61,6 @@ struct Truth {
   double swing = 0.0;              // [rad] joint 3 is off by this times sin(2 q3), which no parameter explains
 };
 
-Vector3d normal_vector(Random& random) {
-  const double x = random.normal();
-  const double y = random.normal();
-  return {x, y, random.normal()};
-}
-
 struct Trial : testing::VirtualExperiment {
   Measurements measured;
 };
