@@ -21,15 +21,13 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr int kRounds = 60;
-constexpr int kRoundsFromNear = 8;
 constexpr double kSettledEvidence = 1e-3;
-constexpr double kSettledFromNear = 0.02;  // of the evidence; its sizes predict left-out configurations alone
-constexpr double kSmallest = 1e-16;        // [m^2 or rad^2] smaller variances count as zero
-constexpr double kLeastTold = 1e-6;        // number of values
-constexpr double kLeastOfAmple = 0.5;      // number of values
-constexpr double kFirstSize = 1e-3;        // [m or rad]
-constexpr double kLeastPivot = 1e-10;      // of free columns scaled to unit norm
-constexpr double kLeastFreedom = 1.0;      // equations left for the noise
+constexpr double kSmallest = 1e-16;    // [m^2 or rad^2] smaller variances count as zero
+constexpr double kLeastTold = 1e-6;    // number of values
+constexpr double kLeastOfAmple = 0.5;  // number of values
+constexpr double kFirstSize = 1e-3;    // [m or rad]
+constexpr double kLeastPivot = 1e-10;  // of free columns scaled to unit norm
+constexpr double kLeastFreedom = 1.0;  // equations left for the noise
 
 bool is_held(const SizeLimits& limits, std::size_t group) {
   return group < limits.held.size() && limits.held[group] > 0.0;
@@ -186,13 +184,11 @@ GroupSizes SizeEstimator::estimate(const GroupSizes& start, const SizeLimits& li
   const auto evidence_of = [&](const Fit& at) {
     return -0.5 * (left * std::log(variance) + at.log_determinant + at.squares / variance + at.penalty);
   };
-  const int rounds = near ? kRoundsFromNear : kRounds;
-  const double settled = near ? kSettledFromNear : kSettledEvidence;
   double before = -std::numeric_limits<double>::infinity();
-  for (int round = 0; round <= rounds; ++round) {
+  for (int round = 0; round <= kRounds; ++round) {
     solve(variances, variance, fit);
     const double evidence = evidence_of(fit);
-    if (round == rounds || (round > (near ? 0 : 1) && evidence < before + settled)) {
+    if (round == kRounds || (round > (near ? 0 : 1) && evidence < before + kSettledEvidence)) {
       break;
     }
     before = evidence;
