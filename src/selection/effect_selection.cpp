@@ -6,6 +6,7 @@
 #include <array>
 #include <functional>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -212,7 +213,9 @@ private:
     const Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
     const LinearRows rows = linear_rows(candidate, means_, task_.optimum, task_.orientation_length);
     const LinearRows joints = joint_rows(task_.model, means_, task_.optimum, task_.orientation_length);
-    SizedInformation known = sized_information(score.information, score.groups, score.sizes);
+    std::vector<Index> all(static_cast<std::size_t>(configurations()));
+    std::iota(all.begin(), all.end(), Index{0});
+    SizedInformation known = sized_information(sums_of(rows, all).information, score.groups, score.sizes);
     RippleData data{.model = task_.model,
                     .joint_values = means_.joint_values,
                     .rows = rows,

@@ -62,12 +62,11 @@ LinearSums& LinearSums::operator+=(const LinearSums& other) {
   return *this;
 }
 
-LinearSums& LinearSums::operator-=(const LinearSums& other) {
-  information -= other.information;
-  moment -= other.moment;
-  squares -= other.squares;
-  equations -= other.equations;
-  return *this;
+void LinearSums::subtract_from(const LinearSums& all) {
+  information = all.information - information;
+  moment = all.moment - moment;
+  squares = all.squares - squares;
+  equations = all.equations - equations;
 }
 
 SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& columns, const SizedGroups& groups)

@@ -13,7 +13,8 @@ struct LinearSums {
   double equations = 0.0;
 
   LinearSums& operator+=(const LinearSums& other);
-  LinearSums& operator-=(const LinearSums& other);
+  /// Becomes all - itself.
+  void subtract_from(const LinearSums& all);
 };
 
 /// Groups of columns drawn from a zero-mean normal distribution with a common 1 sigma. A column is in one group at

@@ -134,15 +134,15 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
   Sums sums = sums_by_folds(rows);
   const std::vector<Index> columns = informed_columns(candidate, sums.all, sums.all);
   const double rounding = kFileRounding / rows.unit;
-  const SizeEstimator whole(sums.all, columns, score.groups.columns);
-  if (!whole.is_determined()) {
+  if (const SizeEstimator whole(sums.all, columns, score.groups.columns); whole.is_determined()) {
+    score.sizes = whole.estimate({}, score.groups.limits, rounding);
+  } else {
     return score;
   }
-  score.sizes = whole.estimate({}, score.groups.limits, rounding);
   score.noise = score.sizes.sigma * rows.unit;
   score.motion = motion_of(candidate, rows, score.sizes.values);
   if (score.sizes.evidence >= wanted) {
-    predict_folds(candidate, rows, sums, score, after_fold);
+    predict_folds(candidate, rows, std::move(sums), score, after_fold);
   }
   tried.add({.priors = priors_of(score, model.sized),
              .effects = model.names,
@@ -150,7 +150,6 @@ ModelScore ModelScorer::score_of(const CandidateModel& model, TriedModels& tried
              .held_out_rms = score.held_out_rms,
              .evidence = score.sizes.evidence},
             score.squares);
-  score.information = std::move(sums.all.information);
   return score;
 }
 
@@ -181,14 +180,14 @@ ModelScorer::Sums ModelScorer::sums_by_folds(const LinearRows& rows) const {
   return sums;
 }
 
-void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& rows, const Sums& sums, ModelScore& score,
+void ModelScorer::predict_folds(const Candidate& candidate, const LinearRows& rows, Sums sums, ModelScore& score,
                                 const std::function<void()>& after_fold) const {
   const double rounding = kFileRounding / rows.unit;
   score.squares = VectorXd::Zero(rows.configurations());
   std::vector<int> predicted(folds_.size(), 0);
   parallel_for(folds_.size(), threads_, [&](std::size_t f) {
-    LinearSums without = sums.all;
-    without -= sums.folds[f];
+    LinearSums without = std::move(sums.folds[f]);
+    without.subtract_from(sums.all);
     const std::vector<Index> columns = informed_columns(candidate, without, sums.all);
     std::vector<Index> uninformed = all_of(rows.columns());
     std::erase_if(uninformed, [&](Index c) { return std::binary_search(columns.begin(), columns.end(), c); });

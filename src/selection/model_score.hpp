@@ -33,10 +33,9 @@ struct ModelScore {
   bool determined = false;  ///< whether every fold's rest determines it; else there are no held-out figures
   GroupSizes sizes;
   Groups groups;
-  Eigen::MatrixXd information;  ///< J^T J
-  double noise = 0.0;           ///< [m] of a coordinate of a mean
-  double motion = 0.0;          ///< [m or rad] largest motion of a joint due to effects
-  Eigen::VectorXd squares;      ///< [m^2] of each held-out configuration, summed over its points
+  double noise = 0.0;       ///< [m] of a coordinate of a mean
+  double motion = 0.0;      ///< [m or rad] largest motion of a joint due to effects
+  Eigen::VectorXd squares;  ///< [m^2] of each held-out configuration, summed over its points
   double held_out_rms = std::numeric_limits<double>::infinity();
 };
 
@@ -93,7 +92,7 @@ private:
     std::vector<LinearSums> folds;
   };
   Sums sums_by_folds(const LinearRows& rows) const;
-  void predict_folds(const Candidate& candidate, const LinearRows& rows, const Sums& sums, ModelScore& score,
+  void predict_folds(const Candidate& candidate, const LinearRows& rows, Sums sums, ModelScore& score,
                      const std::function<void()>& after_fold) const;
 
   const ModelSelectionTask& task_;

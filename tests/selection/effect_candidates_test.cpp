@@ -107,7 +107,9 @@ TEST(EffectCandidates, SumsOfSeveralConfigurationsAreTheirSums) {
   LinearSums left = sums_of(rows, {1, 4, 7});
   EXPECT_TRUE(left.information.isApprox(left.information.transpose(), 1e-14));
   for (const Index c : {7, 1, 4}) {
-    left -= sums_of(rows, {c});
+    LinearSums rest = sums_of(rows, {c});
+    rest.subtract_from(left);
+    left = rest;
   }
   EXPECT_LT(left.information.norm() + left.moment.norm() + std::abs(left.squares), 1e-6);
   EXPECT_EQ(left.equations, 0.0);

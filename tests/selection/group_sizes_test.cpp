@@ -145,8 +145,8 @@ TEST(GroupSizes, WithoutAFoldAreThoseOfTheOthers) {
   Rows rest = rows;
   rest.J = rows.J.bottomRows(45);
   rest.y = rows.y.tail(45);
-  LinearSums without = rows.sums();
-  without -= fold.sums();
+  LinearSums without = fold.sums();
+  without.subtract_from(rows.sums());
   const GroupSizes a = SizeEstimator(without, rows.columns, rows.groups).estimate({}, {}, 1e-9);
   const GroupSizes b = SizeEstimator(rest.sums(), rows.columns, rows.groups).estimate({}, {}, 1e-9);
   EXPECT_LT((a.values - b.values).norm(), 1e-8);
