@@ -1,3 +1,4 @@
+#include <malloc.h>
 #include <sys/resource.h>
 
 #include <CLI/App.hpp>
@@ -176,6 +177,15 @@ void require_stack() {
   }
 }
 
+// Keeps freed memory: new pages for large matrices cost more time than the arithmetic on them.
+void keep_freed_memory() {
+#ifdef __GLIBC__
+  constexpr int kMost = 1 << 25;  // bytes
+  ::mallopt(M_MMAP_THRESHOLD, kMost);
+  ::mallopt(M_TRIM_THRESHOLD, 8 * kMost);
+#endif
+}
+
 int run_or_refuse(int argc, const char* const* argv) {
   try {
     require_stack();
@@ -197,6 +207,7 @@ int run_or_refuse(int argc, const char* const* argv) {
 int main(int argc, char** argv) {
   // Exceeding the file size limit must be a failed write, not end the process.
   std::signal(SIGXFSZ, SIG_IGN);
+  kdl_calibration::cli::keep_freed_memory();
   kdl_calibration::cli::remove_temporaries_on_signals();
   return kdl_calibration::cli::run_or_refuse(argc, argv);
 }
