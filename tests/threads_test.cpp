@@ -180,8 +180,6 @@ std::vector<Asked> methods_of_estimation() {
          return s.problem.cost(estimate) + s.problem.cost(s.start, own);
        }},
       {"LeastSquaresProblem::whitened", [&] { return s.problem.whitened(estimate).jacobian.sum(); }},
-      {"LeastSquaresProblem::loose_columns",
-       [&] { return static_cast<double>(s.problem.loose_columns(estimate).size()); }},
       {"LeastSquaresProblem::whitened_summary",
        [&] { return s.problem.whitened_summary(estimate).sqrt_information.sum(); }},
       {"LeastSquaresProblem::model", [&] { return static_cast<double>(s.problem.model().parameters.size()); }},

@@ -27,13 +27,24 @@ enum class JointUnit : std::uint8_t { unstated, radian, metre };
 
 /// One measured point (or pose, see Measurements::orientations) of one target in one configuration.
 struct Observation {
-  Eigen::Vector3d position;        ///< [m] in the measuring device's frame W
+  Eigen::Vector3d position;        ///< [m] in the measuring device's frame W; see MeasuredCoordinates
   double sigma = 0.0;              ///< [m] 1 sigma per coordinate; 0 if the file states none
   std::int32_t configuration = 0;  ///< column of Measurements::joint_values
   std::int32_t target = 0;         ///< index into Measurements::targets
   std::int32_t repeat = 1;         ///< observations of one configuration with the same repeat were taken together
   Split split = Split::train;
   std::int16_t station = 0;  ///< index into Measurements::stations, the same for all rows of a configuration
+};
+
+/// What an observation measures of a point p in W. All errors of the row are lengths along the measured directions.
+struct MeasuredCoordinates {
+  /// Projector P onto the measured directions: the identity for a whole point, n n^T for the coordinate along the unit
+  /// vector n, I - n n^T for all but that one. Observation::position is P p.
+  Eigen::Matrix3d directions = Eigen::Matrix3d::Identity();
+  /// [m] instead, the distance of p from the anchor, which is Observation::position; 0 if none is measured.
+  double distance = 0.0;
+
+  bool operator==(const MeasuredCoordinates&) const = default;
 };
 
 /// The orientation of an observation without measured orientation: NaN in all four coefficients.
@@ -64,6 +75,9 @@ struct Measurements {
   /// Orientation of the target's frame in W, one per observation; point_alone() if not measured. Empty if only points
   /// were measured.
   std::vector<Eigen::Quaterniond> orientations;
+  /// One per observation, or empty if all rows are whole points. Otherwise `stations` has a name, and the distances of
+  /// a configuration have the same anchor.
+  std::vector<MeasuredCoordinates> coordinates = {};
   /// Position of each observation in the order of driving; empty if unknown.
   std::vector<std::int64_t> order;
   /// One per joint, or empty if unknown. The reader fills it from the header's units, unless a joint convention is
@@ -84,7 +98,8 @@ Measurements without_rows(const Measurements& measurements, const std::vector<st
 /// One observation per configuration and target, ordered so: the mean over the repeats, with repeat 1. Its sigma is
 /// that of a mean of independent values, sqrt(sum sigma^2) / n, and 0 if one of the rows states none; its order is that
 /// of the first row. The mean of the measured orientations is the eigenvector of the largest eigenvalue of sum q q^T
-/// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), with the sign nearest to the first.
+/// (Markley, Cheng, Crassidis and Oshman 2007, eq. 13), with the sign nearest to the first. Single coordinates of one
+/// target are joined to the point, line or plane that they determine.
 Measurements averaged(const Measurements& measurements);
 
 /// The measurements of `first`, then those of `second`; joints, targets and stations must be the same. Orientations of
@@ -99,7 +114,10 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// skipped. Units are in the header, in [] or (), or in a separate row below it: rad, deg, °, degrees, m, mm. Names of
 /// columns and joints ignore case if the match is unique. `name` and `point` mean target, `pose` and `config`
 /// configuration. The optional column `station` names the place of the measuring device. `remark` says how the file
-/// differs from one of measurements_csv.
+/// differs from one of measurements_csv. Of x, y and z a coordinate that was not measured is left empty; n_x, n_y, n_z
+/// and along instead of them are a unit vector and the coordinate along it, `distance` is that from the anchor x, y, z
+/// or the origin (see MeasuredCoordinates). Such a file without stations has one, W. A distance from another anchor
+/// than that of the configuration's first row is a configuration of its own.
 ///
 /// Orientations of targets, R = Rz(yaw) Ry(pitch) Rx(roll), come in one of five forms: qw, qx, qy, qz (normalised); rx,
 /// ry, rz (angle times axis); roll, pitch, yaw; A, B, C (KUKA: yaw, pitch, roll) and W, P, R (FANUC: roll, pitch, yaw),
@@ -110,9 +128,9 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// Throws InputError naming file, line, column, value and rule: an unreadable file, text that is not UTF-8, a missing,
 /// unknown or repeated column, an unknown unit, a ragged row, a value that is not a finite number or beyond 1e12,
 /// decimal points beside decimal commas, a sigma below 1e-15 m, a quaternion norm off 1 by more than 1e-3, angles
-/// without unit beyond one turn, two forms of orientation or an incomplete one, two rows for the same configuration,
-/// repeat and target, joint values, a split or a station that differ within one configuration, more than 100 stations,
-/// no rows.
+/// without unit beyond one turn, two forms of orientation or an incomplete one, a norm of n_x, n_y, n_z off 1 by more
+/// than 1e-3, two rows for the same configuration, repeat, target and direction, joint values, a split or a station
+/// that differ within one configuration, more than 100 stations, no rows.
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention = nullptr);
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,
@@ -138,12 +156,12 @@ Measurements parse_configurations(std::string_view csv, const std::vector<std::s
 Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
                                  const JointConvention* convention = nullptr);
 
-/// The CSV that read_measurements reads back to the same doubles; joint values in the URDF's convention. Columns split,
-/// repeat, quaternion and sigma appear only where the measurements use them, and a joint's unit only if stated in
-/// `joint_units` (default SI). Rows are in the order of the observations; configurations and targets without
-/// observations are omitted. All values must be finite.
-/// Throws InputError for names that the format cannot represent: an empty label, one with control characters or not in
-/// UTF-8, a joint named like another column (x, target,...).
+/// The CSV that read_measurements reads back to the same doubles (directions n to rounding); joint values in the URDF's
+/// convention. Columns split, repeat, quaternion and sigma appear only where the measurements use them, and a joint's
+/// unit only if stated in `joint_units` (default SI). Rows are in the order of the observations; configurations and
+/// targets without observations are omitted. All values must be finite. Throws InputError for two coordinates that are
+/// not along x, y and z, and names that the format cannot represent: an empty label, one with control characters or not
+/// in UTF-8, a joint named like another column (x, target,...).
 std::string measurements_csv(const Measurements& measurements);
 
 /// The same with the controller's joints, in rad and m. Also throws InputError for a convention that is not the

@@ -1,6 +1,7 @@
 #include "calibration/calibrate.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <optional>
 #include <utility>
@@ -20,6 +21,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -97,9 +99,11 @@ FitProblem rigid_problem(const RegisteredRobot& robot, const Measurements& train
   return problem;
 }
 
-NoiseBeforehand noise_beforehand(const CalibrationSettings& options) {
+// Single coordinates have one sigma. It is stated, or follows from the residuals.
+NoiseBeforehand noise_beforehand(const Measurements& training, const CalibrationSettings& options) {
   return {.stated = options.noise.stated,
-          .estimated = is_plain(options.estimator) && options.noise.weights != Weights::equal};
+          .estimated = is_plain(options.estimator) && options.noise.weights != Weights::equal &&
+                       !has_single_coordinates(training)};
 }
 
 bool weighs_orientations(const Measurements& training, const CalibrationSettings& options) {
@@ -117,7 +121,7 @@ FitProblem weighed_for_selection(FitProblem problem, const CalibrationSettings& 
   }
   const bool selects = selection.priors.length > 0.0 || selection.priors.angle > 0.0 || is_open(selection);
   if (options.estimator.method == Method::joint && selects) {
-    problem.options = absolute_weights(problem, noise_beforehand(options));
+    problem.options = absolute_weights(problem, noise_beforehand(problem.measurements, options));
   }
   residuals.priors = selection.priors;
   return problem;
@@ -138,6 +142,15 @@ std::optional<ContinuedResult> continued(FitProblem& rigid, const CalibrationSet
   return result;
 }
 
+// As noise_of_means, for single coordinates.
+NoiseModel noise_of_coordinates(const Measurements& training, NoiseModel noise, double sigma) {
+  if (!noise_is_stated(training, noise)) {
+    const double repeats = static_cast<double>(coordinates_of(training)) / coordinates_of(averaged(training));
+    noise.independent.setConstant(sigma * std::sqrt(repeats));
+  }
+  return noise;
+}
+
 // The problem with the selected effects (in `model`) and priors. Weights from the residuals of geometry alone would
 // hold effects near zero.
 FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, const ModelSelection& selection,
@@ -153,7 +166,9 @@ FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, co
   if (selection.continued) {
     residuals.earlier = selection.continued->prior;
   } else if (!model.effects.empty()) {
-    residuals.noise = noise_of_means(rigid.measurements, noise, selection.noise);
+    residuals.noise = has_single_coordinates(rigid.measurements)
+                          ? noise_of_coordinates(rigid.measurements, noise.stated, selection.noise)
+                          : noise_of_means(rigid.measurements, noise, selection.noise);
   }
   return problem;
 }
@@ -232,7 +247,8 @@ WeighedFit fit_selected(const FitProblem& problem, const DeterminedFit& rigid_fi
   const DeterminedFit fit = is_as_stated(selection, options.selection.priors)
                                 ? rigid_fit
                                 : fit_determined_parameters(problem, parameters, rules);
-  return with_smallest_errors(weigh_by_residuals(problem, fit, noise_beforehand(options)), options);
+  const NoiseBeforehand noise = noise_beforehand(problem.measurements, options);
+  return with_smallest_errors(weigh_by_residuals(problem, fit, noise), options);
 }
 
 // The validation's input. The folds of a fit without a loss are predicted from its linear system.
@@ -251,7 +267,8 @@ ValidationTask validation_task(const WeighedFit& fitted, const Assessment& asses
 }
 
 GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& options) {
-  if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
+  if (!is_plain(options.estimator) || has_single_coordinates(fitted.problem.measurements) ||
+      fitted.fit.identification.termination == Termination::diverged) {
     return {};
   }
   FitProblem problem = fitted.problem;
@@ -321,6 +338,9 @@ std::optional<OffsetsAlone> fitted_offsets_alone(FitProblem rigid, const Unknown
 
 std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
                                      const ProgressFunction& progress) {
+  if (has_single_coordinates(measurements)) {
+    return {};
+  }
   return with_progress(progress, "screening the measurements",
                        [&] { return screen(with_measurements(problem, measurements)); });
 }
@@ -347,14 +367,17 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
       select_model(choice, rigid_fit.identification, determines_arm(rigid_fit), options.estimator.method);
   if (!model.stations.empty()) {
     selection.not_tried += selection.not_tried.empty() ? "" : "; ";
-    selection.not_tried += "other readings of the data (several stations)";
+    selection.not_tried += has_single_coordinates(measurements)
+                               ? "checks of single rows, of distances and of repeats, parts of the noise, other "
+                                 "readings of the data (single coordinates)"
+                               : "other readings of the data (several stations)";
   }
   if (with_earlier) {
     selection.terms = options.selection.earlier->terms;
     selection.continued = with_earlier;
   }
 
-  const NoiseBeforehand noise = noise_beforehand(options);
+  const NoiseBeforehand noise = noise_beforehand(*rows, options);
   CalibrationResult result{.model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -81,6 +82,30 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
   return candidates.subset(marked);
 }
 
+// Columns to hold of the bases whose rows leave some of their motions open: those that come last in a QR with pivots of
+// the base's columns.
+std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std::size_t stations,
+                                                const Eigen::MatrixXd& sqrt_information) {
+  constexpr double kOpen = 1e-7;                // of the largest pivot
+  constexpr double kRotationsAfterwards = 0.5;  // rather a rotation is held than a translation
+  std::vector<Eigen::Index> result;
+  for (std::size_t station = 0; station < stations; ++station) {
+    const std::array<int, 6>& columns = candidates.base_columns(station);
+    if (std::any_of(columns.begin(), columns.end(), [](int column) { return column < 0; })) {
+      continue;
+    }
+    Eigen::MatrixXd own = sqrt_information(Eigen::all, columns);
+    own.leftCols(3) /= std::max(own.leftCols(3).colwise().norm().maxCoeff(), 1e-300);
+    own.rightCols(3) *= kRotationsAfterwards / std::max(own.rightCols(3).colwise().norm().maxCoeff(), 1e-300);
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> pivots(own);
+    pivots.setThreshold(kOpen);
+    for (Eigen::Index i = pivots.rank(); i < 6; ++i) {
+      result.push_back(columns[static_cast<std::size_t>(pivots.colsPermutation().indices()[i])]);
+    }
+  }
+  return result;
+}
+
 constexpr int kGaugeRounds = 3;
 
 struct FittedInGauge {
@@ -103,7 +128,8 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
     }
     const Eigen::MatrixXd sqrt_information = equations.whitened_summary(estimate).sqrt_information;
     return sqrt_information.allFinite()
-               ? determined(candidates, kept, sqrt_information, equations.loose_columns(estimate))
+               ? determined(candidates, kept, sqrt_information,
+                            open_columns_of_bases(candidates, problem.model.stations.size(), sqrt_information))
                : free;
   };
   free = determined_at(problem.start, Unknowns());

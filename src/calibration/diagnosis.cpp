@@ -6,6 +6,7 @@
 
 #include "base/counted_fits.hpp"
 #include "calibration/doubts.hpp"
+#include "measurements/directions.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -49,6 +50,18 @@ std::vector<std::string> earlier_warnings(const ModelSelection& selection, const
                                  points == 1 ? " point, whose target" : " points, whose targets"));
   }
   result.insert(result.end(), of_validation.begin(), of_validation.end());
+  if (const std::size_t rows = rows_of_single_coordinates(measurements); rows > 0) {
+    const auto first = std::find_if(measurements.coordinates.begin(), measurements.coordinates.end(),
+                                    [](const MeasuredCoordinates& measured) { return coordinates_of(measured) < 3; });
+    const Observation& row =
+        measurements.observations[static_cast<std::size_t>(first - measurements.coordinates.begin())];
+    result.push_back(fmt::format(
+        "{} of {} rows are single coordinates or distances, first {}:{}: their errors are lengths along the measured "
+        "directions, less than those of whole points, and some checks are not tried",
+        rows, measurements.observations.size(),
+        measurements.configurations[static_cast<std::size_t>(row.configuration)],
+        measurements.targets[static_cast<std::size_t>(row.target)]));
+  }
   if (!measurements.remark.empty()) {
     result.push_back("measurements: " + measurements.remark);
   }

@@ -7,12 +7,14 @@
 #include <iterator>
 #include <numbers>
 
+#include "base/robust_statistics.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/prior_check.hpp"
 #include "calibration/validation_stage.hpp"
 #include "estimation/input_check.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
@@ -38,6 +40,8 @@ std::string held_out_name(const CalibrationResult& found) {
 
 const std::string kWrongInput =
     "check the robot, the joint values with their units, signs and order, and the names of the targets";
+
+constexpr double kSmallest = 1e-6;  // [m] smaller errors are not worth a doubt
 
 using Doubts = std::vector<Doubt>;
 
@@ -180,6 +184,40 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
     doubts.push_back({.cause = Cause::unknown_length,
                       .message = "the uncertainty exceeds the link itself for " + some_of(unknown) +
                                  "; measure more configurations, or hold what is known"});
+  }
+  return doubts;
+}
+
+// What distances and single coordinates cannot show by their residuals.
+Doubts of_lengths(const CalibrationResult& found, const Measurements& measurements) {
+  constexpr double kMostOpen = 10.0;   // of the noise
+  constexpr double kMostApart = 10.0;  // of the median; 80 normal errors stay below 6
+  Doubts doubts;
+  if (!has_single_coordinates(measurements)) {
+    return doubts;
+  }
+  std::vector<double> lengths;
+  const HeldOutPoint* farthest = nullptr;
+  for (const HeldOutPoint& point : found.held_out_points) {
+    lengths.push_back(point.residual.norm());
+    farthest = farthest == nullptr || lengths.back() > farthest->residual.norm() ? &point : farthest;
+  }
+  if (farthest != nullptr && farthest->residual.norm() > std::max(kMostApart * median(lengths), kSmallest)) {
+    const std::string& label = measurements.configurations[static_cast<std::size_t>(farthest->configuration)];
+    const std::string& target = measurements.targets[static_cast<std::size_t>(farthest->target)];
+    doubts.push_back(
+        {.cause = Cause::gross_rows,
+         .message = fmt::format("not where all others put it: configuration {}, target {} by {}; check it, "
+                                "or leave it out with --exclude '{}:{}'",
+                                label, target, in_millimetres(farthest->residual.norm()), label, target)});
+  }
+  const ErrorStatistics& open = found.uncertainty.predicted.measured;
+  if (doubts.empty() && open.count > 0 && open.rms > kMostOpen * found.noise.sigma && open.rms > kSmallest) {
+    doubts.push_back({.cause = Cause::not_determined,
+                      .message = fmt::format(
+                          "the lengths that were measured agree, but leave {} (1 sigma) open at the measured "
+                          "configurations; measure along other directions, or from more anchors, beside the robot",
+                          in_millimetres(open.rms))});
   }
   return doubts;
 }
@@ -363,9 +401,10 @@ std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagn
                           ModelChoice model) {
   Doubts result;
   // First what would explain the misfit, last that the fit did not end.
-  for (const Doubts& some : {of_readings(diagnosis.alternative_readings), of_rows(found, diagnosis.gross_rows),
-                             of_determination(found, measurements, model), of_predictions(found), of_tests(found),
-                             of_size(found, measurements), of_errors(found), of_convergence(found)}) {
+  for (const Doubts& some :
+       {of_readings(diagnosis.alternative_readings), of_rows(found, diagnosis.gross_rows),
+        of_determination(found, measurements, model), of_predictions(found), of_tests(found),
+        of_size(found, measurements), of_errors(found), of_lengths(found, measurements), of_convergence(found)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

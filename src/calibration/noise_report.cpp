@@ -10,6 +10,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "noise/lack_of_fit.hpp"
 #include "noise/noise_components.hpp"
 #include "noise/pseudo_values.hpp"
@@ -83,6 +84,12 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
   } else {
     noise.source = NoiseSource::residuals;
     noise.sigma = std::sqrt(variance * points / problem.total_weight());
+    if (has_single_coordinates(measurements)) {
+      noise.independent.setConstant(noise.sigma);
+      result.covariance = covariance(fitted.system.sqrt_information, factor * variance);
+      result.report = std::move(noise);
+      return result;
+    }
     // Noise of the means, which includes the part common to a configuration.
     const double cells = static_cast<double>(fitted.system.measured_rows) / 3.0;
     const double unit_weight = problem.total_weight() / cells;
@@ -188,6 +195,9 @@ const char* to_string(NoiseSource source) {
 
 std::optional<LackOfFit> lack_of_fit(const ErrorModel& model, const Measurements& measurements,
                                      const Estimate& estimate, const Unknowns& free) {
+  if (has_single_coordinates(measurements)) {
+    return std::nullopt;
+  }
   std::optional<LackOfFit> result = test_lack_of_fit(model, measurements, estimate, free);
   if (result) {
     result->explained_by_joint = explained_by_joints(model, estimate, measurements);

@@ -11,6 +11,7 @@
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "noise/noise_components.hpp"
 
@@ -107,6 +108,33 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
   }
 }
 
+void require_whole_points(const Measurements& measurements, const CalibrationSettings& options) {
+  if (!has_single_coordinates(measurements)) {
+    return;
+  }
+  if (measurements.stations.empty()) {
+    refuse_input("single coordinates in " + measurements.source + " without a station", "the name of the frame W");
+  }
+  const auto refuse = [&](const char* option, const std::string& what) {
+    throw OptionError(option, what + " whole points, and " + measurements.source + " has single coordinates");
+  };
+  if (options.estimator.method == Method::two_step) {
+    refuse("method", "the two-step procedure fits");
+  }
+  if (options.estimator.loss != Loss::none) {
+    refuse("loss", "robust losses judge");
+  }
+  if (options.noise.weights == Weights::repeats) {
+    refuse("weights", "noise by repeats needs");
+  }
+  if (options.validation.nested) {
+    refuse("nested", "nested folds compare");
+  }
+  if (options.selection.earlier) {
+    refuse("prior_result", "an earlier result is compared with");
+  }
+}
+
 void require_signals(const Measurements& measurements, const CalibrationSettings& options) {
   const Configurations& asked = options.predict_at;
   if (const std::string fault = fault_of(asked.signals, asked.joint_values, " to predict at"); !fault.empty()) {
@@ -132,6 +160,7 @@ void check_options(const ErrorModel& model, const Measurements& measurements, co
   if (training.observations.empty()) {
     throw InputError(training.source + ": no rows to fit; expected rows whose split is 'train'");
   }
+  require_whole_points(measurements, options);
   require_comparable_orientations(measurements, options.noise);
   require_signals(measurements, options);
   if (options.noise.weights == Weights::repeats) {

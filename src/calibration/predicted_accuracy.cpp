@@ -12,6 +12,7 @@
 #include "calibration/new_point.hpp"
 #include "calibration/point_predictor.hpp"
 #include "effects/joint_effects.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "model/kinematics.hpp"
 #include "robot/joint_ranges.hpp"
@@ -82,7 +83,10 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
   const Eigen::MatrixXd workspace =
       random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
   PredictedAccuracy result;
-  result.region = measured_region(measurements, uncertain.held_out, uncertain.noise, uncertain.optimism);
+  // The distances of left-out single coordinates are no 3D distances.
+  const bool whole = !has_single_coordinates(measurements);
+  result.region = measured_region(measurements, whole ? uncertain.held_out : std::vector<HeldOutPoint>(),
+                                  uncertain.noise, uncertain.optimism);
   result.undetermined = undetermined_directions(uncertain.candidate_sqrt_information);
   if (!model.stations.empty()) {  // directions of bases alone have rounding errors in the other columns
     constexpr double kRounding = 1e-9;

@@ -71,7 +71,7 @@ Eigen::Isometry3d base_at(const std::string& station, const std::string& file) {
     return base_of(json, file);
   }
   for (const Json& entry : json["stations"]) {
-    if (text_at(entry, "name") == station) {
+    if (text_at(entry, "name") == station || (station.empty() && json["stations"].size() == 1)) {
       return base_of(entry, file);
     }
   }

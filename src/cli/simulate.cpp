@@ -158,6 +158,7 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
     result.measurements = joined(result.measurements, measure(result.robot, driven(arguments, set, test, train),
                                                               arguments.noise, random, Split::test));
   }
+  result.measurements = along_directions(std::move(result.measurements), arguments.places);
   if (arguments.order) {
     result.measurements.order.resize(result.measurements.observations.size());
     std::iota(result.measurements.order.begin(), result.measurements.order.end(), std::int64_t{1});

@@ -10,10 +10,11 @@
 
 namespace kdl_calibration::cli {
 
-/// --stations, --sockets
+/// --stations, --sockets, --directions
 struct PlaceArguments {
   int stations = 1;
   std::string sockets;
+  std::string directions = "xyz";
 };
 
 struct SimulateArguments {

@@ -1,12 +1,20 @@
 #include "cli/simulated_places.hpp"
 
+#include <algorithm>
+#include <string_view>
 #include <utility>
 
+#include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
+
+namespace {
+constexpr std::string_view kAxes = "xyz";
+constexpr std::string_view kDistance = "r";
+}  // namespace
 
 void add_place_options(CLI::App& app, PlaceArguments& arguments) {
   add_count(app, "--stations", arguments.stations, {1, 100},
@@ -14,10 +22,28 @@ void add_place_options(CLI::App& app, PlaceArguments& arguments) {
   add_file(app, "--sockets", arguments.sockets,
            "Set the only target, a ball, into the sockets of a plate: their centres {\"targets\": [{\"name\", "
            "\"position\"}]} in its frame");
+  app.add_option(
+      "--directions", arguments.directions,
+      "Coordinates that are measured: x, y, z, two of them, or r, the distance from the origin of the station [xyz]");
 }
 
 void require_places(const SimulateArguments& arguments) {
+  const std::string& directions = arguments.places.directions;
+  const bool distances = directions == kDistance;
+  if (!distances &&
+      (directions.empty() || !std::includes(kAxes.begin(), kAxes.end(), directions.begin(), directions.end()))) {
+    throw InputError("--directions: " + shown(directions) +
+                     ", expected r, or some of xyz, each once and in this order");
+  }
+  const bool single = directions.size() < kAxes.size();
+  if (single && (arguments.two_step > 0 || arguments.monte_carlo > 0 || arguments.poses)) {
+    throw InputError(
+        "--directions: are of points that are written, expected none with --poses, --two-step, --monte-carlo");
+  }
   const bool touches = !arguments.places.sockets.empty();
+  if (single && touches) {
+    throw InputError("--directions: a socket holds the whole point, expected none with --sockets");
+  }
   if (arguments.places.stations > 1 && (arguments.two_step > 0 || arguments.monte_carlo > 0)) {
     throw InputError("--stations: are of measurements that are written, expected none with --two-step, --monte-carlo");
   }
@@ -36,6 +62,28 @@ VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std:
   }
   Random random(seed, kStream);
   return at_stations(std::move(robot), arguments.stations, random);
+}
+
+Measurements along_directions(Measurements measurements, const PlaceArguments& arguments) {
+  if (arguments.directions == kAxes) {
+    return measurements;
+  }
+  Eigen::Vector3d is_measured = Eigen::Vector3d::Zero();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    is_measured[axis] =
+        arguments.directions.find(kAxes[static_cast<std::size_t>(axis)]) == std::string::npos ? 0.0 : 1.0;
+  }
+  const bool distances = arguments.directions == kDistance;
+  for (Observation& observation : measurements.observations) {
+    const double distance = observation.position.norm();
+    observation.position = observation.position.cwiseProduct(is_measured).eval();
+    measurements.coordinates.push_back(distances ? MeasuredCoordinates{.distance = distance}
+                                                 : MeasuredCoordinates{.directions = is_measured.asDiagonal()});
+  }
+  if (measurements.stations.empty()) {
+    measurements.stations = {"W"};
+  }
+  return measurements;
 }
 
 Plate plate_of(const SimulateArguments& arguments) {

@@ -16,6 +16,8 @@ void require_places(const SimulateArguments& arguments);
 
 /// Moves the robot's tracker to `stations` places, drawn from a stream of their own.
 VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std::uint64_t seed);
+/// The measurements with the coordinates of --directions alone.
+Measurements along_directions(Measurements measurements, const PlaceArguments& arguments);
 /// The plate with the sockets of --sockets.
 Plate plate_of(const SimulateArguments& arguments);
 

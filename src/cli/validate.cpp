@@ -17,6 +17,7 @@
 #include "cli/truth_report.hpp"
 #include "diagnosis/alternative_readings.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
 #include "planning/simulation.hpp"
@@ -223,7 +224,8 @@ Words judged(const ValidateArguments& arguments, const ErrorModel& model, const 
   const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
   Words words;
   if (!model.stations.empty()) {
-    words.warnings.emplace_back("other readings of the data were not tried (several stations)");
+    words.warnings.push_back(std::string("other readings of the data were not tried (") +
+                             (has_single_coordinates(fitted) ? "single coordinates)" : "several stations)"));
     return words;
   }
   for (const AlternativeReading& reading :

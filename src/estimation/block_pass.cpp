@@ -4,12 +4,15 @@
 #include <algorithm>
 #include <map>
 
+#include "measurements/directions.hpp"
+
 namespace kdl_calibration {
 
 using Eigen::Index;
 using Eigen::Isometry3d;
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
+using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 namespace {
@@ -26,6 +29,18 @@ void turn_information(const MatrixXd& given, const Matrix3d& R_FW, MatrixXd& inf
       information.block<3, 3>(a, b) = R_FW * given.block<3, 3>(a, b) * R_FW.transpose();
     }
   }
+}
+
+// Whitens the rows of points with single coordinates.
+void whiten_by_point(const MatrixXd& information, MatrixXd& rows) {
+  Index count = 0;
+  for (Index first = 0; first < information.rows(); first += 3) {
+    const Matrix3Xd R = root_of_directions(information.block<3, 3>(first, first));
+    const MatrixXd own = R.transpose() * rows.middleRows<3>(first);
+    rows.middleRows(count, own.rows()) = own;
+    count += own.rows();
+  }
+  rows.conservativeResize(count, Eigen::NoChange);
 }
 
 }  // namespace
@@ -65,6 +80,7 @@ void BlockLinearisation::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Re
   block.twist_rows.setZero(rows, 6);
   block.information.setZero(rows, rows);
   block.columns.assign(static_cast<std::size_t>(rows), -1);
+  block.by_point = configuration.by_point;
   Index position_row = 0;
   Index orientation_row = 3 * points;
   for (const ObservedPoint& point : configuration.points) {
@@ -83,10 +99,22 @@ void BlockLinearisation::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Re
 void BlockLinearisation::add_position(const ObservedPoint& point, const Isometry3d& X_FW, Index row,
                                       Block& block) const {
   const Isometry3d& X_FT = estimate_.targets[point.target].X_FT;
-  block.residual.segment<3>(row) = X_FW * point.position - X_FT.translation();
+  const Vector3d difference = X_FW * point.position - X_FT.translation();
+  block.residual.segment<3>(row) = difference;
   block.twist_rows.middleRows<3>(row) << Matrix3d::Identity(), -skew(X_FT.translation());
   std::copy_n(unknowns_.target_columns(point.target).begin(), 3, block.columns.begin() + row);
-  block.information.block<3, 3>(row, row).diagonal().setConstant(point.weight);
+  auto information = block.information.block<3, 3>(row, row);
+  if (point.distance > 0.0) {
+    const Vector3d n = -from_anchor(Vector3d::Zero(), difference);
+    block.residual.segment<3>(row) = (point.distance - difference.norm()) * n;
+    information = point.weight * n * n.transpose();
+  } else if (block.by_point) {
+    const Matrix3d R_FW = X_FW.linear();
+    block.residual.segment<3>(row) = R_FW * (point.directions * (R_FW.transpose() * difference));
+    information = R_FW * point.information * R_FW.transpose();
+  } else {
+    information.diagonal().setConstant(point.weight);
+  }
 }
 
 // Rotation vector from predicted to measured, in the target's frame. Its exact derivative differs from the identity by
@@ -113,7 +141,11 @@ void whiten(const Block& block, Index columns, MatrixXd& rows) {
     }
   }
   rows.rightCols<1>() = block.residual;
-  rows = block.information.llt().matrixU() * MatrixXd(rows);
+  if (block.by_point) {
+    whiten_by_point(block.information, rows);
+  } else {
+    rows = block.information.llt().matrixU() * MatrixXd(rows);
+  }
 }
 
 double BlockPass::cost(const Estimate& estimate, BlockWorkspace& workspace) const {

@@ -25,6 +25,7 @@ struct Block {
   Eigen::VectorXd residual;
   Eigen::Matrix<double, Eigen::Dynamic, 6> twist_rows;
   Eigen::MatrixXd information;
+  bool by_point = false;  // see ObservedConfiguration
   std::vector<int> columns;
 };
 
@@ -57,7 +58,8 @@ struct BlockWorkspace {
   Eigen::VectorXd force;
 };
 
-/// Whitened Jacobian of a configuration with its residual as last column.
+/// Whitened Jacobian of a configuration with its residual as last column. A point with single coordinates has one row
+/// for each direction that they determine.
 void whiten(const Block& block, Eigen::Index columns, Eigen::MatrixXd& rows);
 
 class BlockPass {

@@ -11,6 +11,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -31,7 +32,8 @@ void check(const ErrorModel& model) {
 void check(const Measurements& measurements, const ErrorModel& model) {
   check(model);
   check(measurements);
-  if (measurements.stations.size() > 1 ? model.stations != measurements.stations : !model.stations.empty()) {
+  const bool apart = measurements.stations.size() > 1 || !model.stations.empty();
+  if (apart && model.stations != measurements.stations) {
     throw InputError(fmt::format("{}: {} stations, expected the model's {}", measurements.source,
                                  std::max<std::size_t>(measurements.stations.size(), 1),
                                  std::max<std::size_t>(model.stations.size(), 1)));
@@ -120,6 +122,14 @@ void check(const ResidualOptions& options, const Measurements& measurements) {
   check(options.priors);
   check(options.noise);
   require_sigma("the length for orientations", options.orientation_length);
+  if (has_single_coordinates(measurements) && !options.noise.is_isotropic()) {
+    throw InputError(measurements.source +
+                     ": single coordinates with a noise by axis, of the tracker or common to points: expected one "
+                     "sigma for all coordinates");
+  }
+  if (has_single_coordinates(measurements) && !measurements.orientations.empty()) {
+    throw InputError(measurements.source + ": orientations beside single coordinates, expected one of the two");
+  }
   if (!options.row_weights.empty()) {
     require_count("weights of rows", options.row_weights.size(), measurements.observations.size());
     for (const double weight : options.row_weights) {

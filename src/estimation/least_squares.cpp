@@ -359,20 +359,6 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
   return result;
 }
 
-std::vector<Index> LeastSquaresProblem::loose_columns(const Estimate& estimate) const {
-  std::vector<Index> result;
-  for (const Data::Part& part : data_->parts) {
-    const std::array<int, 6>& columns = data_->unknowns.base_columns(part.station);
-    const MatrixXd loose = motions_of_base(part.loose, estimate.base(part.station), columns, this->columns());
-    for (Index i = 0; i < loose.cols(); ++i) {
-      Index most = 0;
-      loose(std::vector<int>(columns.begin() + 3, columns.end()), i).cwiseAbs().maxCoeff(&most);
-      result.push_back(columns[static_cast<std::size_t>(most + 3)]);
-    }
-  }
-  return result;
-}
-
 WhitenedSummary LeastSquaresProblem::Data::summary_of_groups(const Estimate& estimate, MatrixXd sqrt_information,
                                                              LaneWorkspace& workspace) const {
   WhitenedSummary summary;

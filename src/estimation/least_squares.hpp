@@ -49,8 +49,6 @@ public:
   /// allows. Rotations of one of several stations about the line or the point that its points are on get no
   /// information: only residuals would show them.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
-  /// For each of these rotations the column of the base that turns most about its axis: the one to hold.
-  std::vector<Eigen::Index> loose_columns(const Estimate& estimate) const;
   static constexpr std::size_t kManyConfigurations = 3000;
 
   const ErrorModel& model() const;

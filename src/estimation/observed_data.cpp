@@ -10,6 +10,7 @@
 #include "estimation/chain_kernel.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
@@ -330,7 +331,7 @@ ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const M
                       const ResidualOptions& options) {
   ObservedData data;
   const GatheringTask task{model, terms_in_lanes(model, unknowns), measurements, options};
-  if ((measurements.joint_values.array().abs() <= kLargestAngle).all() &&
+  if (!has_single_coordinates(measurements) && (measurements.joint_values.array().abs() <= kLargestAngle).all() &&
       ((!options.noise.tracker && gather_groups(task, Alike::weights, data)) ||
        gather_groups(task, Alike::points, data))) {
     return data;

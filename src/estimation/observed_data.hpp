@@ -104,8 +104,8 @@ struct ObservedData {
 /// Indices of the model's effects, sorted by motion, within a motion free ones first.
 std::vector<std::size_t> terms_in_lanes(const ErrorModel& model, const Unknowns& unknowns);
 
-/// Groups the configurations if all joint values are within kLargestAngle and enough of them are alike, else keeps them
-/// one by one.
+/// Groups the configurations if all joint values are within kLargestAngle, all rows are whole points and enough
+/// configurations are alike, else keeps them one by one.
 ObservedData gathered(const ErrorModel& model, const Unknowns& unknowns, const Measurements& measurements,
                       const ResidualOptions& options);
 

@@ -8,6 +8,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "model/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -95,7 +96,13 @@ const ObservedConfiguration* Gathering::next() {
       }
     }
   }
-  if (isotropic_) {
+  if (has_single_coordinates(measurements_)) {
+    for (const std::uint32_t row : rows_) {
+      add_coordinates(row);
+    }
+    take_seen_points();
+    configuration_.by_point = true;
+  } else if (isotropic_) {
     for (const std::uint32_t row : rows_) {
       add_row(row);
     }
@@ -122,6 +129,37 @@ void Gathering::add_row(std::size_t row) {
   totals_.points += 1;
   totals_.weight += weight;
   add_orientation(row, information, point);
+}
+
+// The same for coordinates along the directions P of a row: with the information L so far, L + w P and the position
+// + (L + w P)^+ w P (z - position), which minimises the sum of squares; and for distances from one anchor.
+void Gathering::add_coordinates(std::size_t row) {
+  const Observation& observation = measurements_.observations[row];
+  const auto target = static_cast<std::size_t>(observation.target);
+  ObservedPoint& point = points_[target];
+  const double weight = options_.row_weight(row) * position_information(options_, observation);
+  if (const double distance = measurements_.coordinates[row].distance; distance > 0.0) {
+    const double deviation = distance - point.distance;
+    const double share = weight / (point.weight + weight);
+    totals_.cost_of_repeats += deviation * deviation * share * point.weight;
+    point.distance += share * deviation;
+    point.weight += weight;
+    point.position = observation.position;
+  } else {
+    const Matrix3d before = point.information;
+    point.information += weight * measurements_.coordinates[row].directions;
+    const Vector3d deviation = difference_at(measurements_, row, point.position);
+    const Eigen::Matrix3Xd R = root_of_directions(point.information);
+    const Vector3d step = pseudo_inverse(R) * (weight * deviation);
+    point.directions = projector(R);
+    point.position += step;
+    totals_.cost_of_repeats +=
+        step.dot(before * step) + weight * difference_at(measurements_, row, point.position).squaredNorm();
+  }
+  seen_[target] = true;
+  totals_.equations += coordinates_of(measurements_, row);
+  totals_.points += 1;
+  totals_.weight += weight;
 }
 
 // Running mean of close rotations: along the geodesic by the new one's share.

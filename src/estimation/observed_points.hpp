@@ -16,9 +16,12 @@ namespace kdl_calibration {
 /// A target in one configuration: the mean of its repeats and its information.
 struct ObservedPoint {
   std::size_t target = 0;
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in W [m]
-  double weight = 0.0;                                 // information of each coordinate, for isotropic noise
-  double orientation_weight = 0.0;                     // 0: orientation not measured
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();     // in W [m]; with a distance the anchor
+  double weight = 0.0;                                    // information of each coordinate, for isotropic noise
+  double distance = 0.0;                                  // [m] with information `weight`; 0: not measured
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();  // of single coordinates, in W
+  Eigen::Matrix3d directions = Eigen::Matrix3d::Zero();   // the projector onto those that it determines
+  double orientation_weight = 0.0;                        // 0: orientation not measured
   Eigen::Matrix3d orientation = Eigen::Matrix3d::Identity();
 };
 
@@ -27,6 +30,7 @@ struct ObservedConfiguration {
   std::vector<ObservedPoint> points;  // ascending by target
   /// 3 · points x 3 · points in W; null if the points' weights suffice. Shared by equal consecutive configurations.
   std::shared_ptr<const Eigen::MatrixXd> information;
+  bool by_point = false;  // single coordinates or distances: each point has its own information, which is singular
 };
 
 /// Figures of the measurements independent of the estimate.
@@ -74,6 +78,7 @@ private:
   std::size_t row_at(std::size_t i) const { return order_.empty() ? i : order_[i]; }
   bool is_fitted(std::size_t row) const;
   void add_row(std::size_t row);
+  void add_coordinates(std::size_t row);
   void add_repeats();
   void sort_by_repeat();
   PatternRow pattern_row(std::size_t i, const PatternRow& before) const;

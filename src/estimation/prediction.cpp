@@ -2,6 +2,7 @@
 
 #include "base/preconditions.hpp"
 #include "effects/joint_effects.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
@@ -31,6 +32,11 @@ Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>
   return estimate.base(static_cast<std::size_t>(observation.station)) *
          (X_BF[static_cast<std::size_t>(observation.configuration)] *
           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+}
+
+Vector3d measured_minus_predicted(const Measurements& measurements, std::size_t row, const Estimate& estimate,
+                                  const std::vector<Isometry3d>& X_BF) {
+  return difference_at(measurements, row, predicted_point(estimate, X_BF, measurements.observations[row]));
 }
 
 ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term) {
@@ -81,7 +87,8 @@ std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const Dri
   const Matrix3d R_WF =
       estimate_.base(station.value_or(0)).linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
   const std::vector<std::size_t>& of_bases = unknowns_.of(UnknownGroup::base);
-  for (std::size_t i = 0; !estimate_.other_bases.empty() && i < of_bases.size(); ++i) {
+  const bool of_arm_or_station = !model_.stations.empty() || !estimate_.other_bases.empty();
+  for (std::size_t i = 0; of_arm_or_station && i < of_bases.size(); ++i) {
     if (!station || of_bases[i] / 6 != *station) {
       chain.col(static_cast<Index>(i)).setZero();
     }

@@ -25,6 +25,10 @@ std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estim
 Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eigen::Isometry3d>& X_BF,
                                 const Observation& observation);
 
+/// Measured minus predicted position of a row [m], along its measured directions; see difference_at.
+Eigen::Vector3d measured_minus_predicted(const Measurements& measurements, std::size_t row, const Estimate& estimate,
+                                         const std::vector<Eigen::Isometry3d>& X_BF);
+
 /// Twist of a term's column per unit of the joint's motion; the caller multiplies it by basis(q).
 ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term);
 /// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects as effect_twist().
@@ -36,8 +40,8 @@ public:
   PositionPredictor(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 
   /// Jacobian of each target's position in W at joint values q and `signals` (one column): 3 x columns, [m] per unit.
-  /// With several stations it is that of the given one; without one, that of the position in the base, along the axes
-  /// of the first station's W.
+  /// If the model has stations it is that of the given one; without one, that of the position in the base, along the
+  /// axes of the first station's W.
   std::vector<Matrix3Xd> jacobians(const Eigen::VectorXd& q, const DriveSignals& signals = {},
                                    std::optional<std::size_t> station = std::nullopt) const;
   /// The same at a configuration of the measurements.

@@ -12,6 +12,7 @@
 #include "estimation/prediction.hpp"
 #include "estimation/station_registration.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
@@ -230,25 +231,6 @@ Matrix3d nearest_rotation(const Matrix3d& M) {
   return U * svd.matrixV().transpose();
 }
 
-// The 24 rotations of the cube: no rotation is farther than 62.8 degrees from one of them.
-std::vector<Matrix3d> cube_rotations() {
-  std::vector<Matrix3d> rotations;
-  std::array<int, 3> order = {0, 1, 2};
-  do {
-    for (int signs = 0; signs < 8; ++signs) {
-      Matrix3d R = Matrix3d::Zero();
-      for (int axis = 0; axis < 3; ++axis) {
-        const bool negative = ((static_cast<unsigned>(signs) >> static_cast<unsigned>(axis)) & 1U) != 0U;
-        R(order[static_cast<std::size_t>(axis)], axis) = negative ? -1.0 : 1.0;
-      }
-      if (R.determinant() > 0.0) {
-        rotations.push_back(R);
-      }
-    }
-  } while (std::next_permutation(order.begin(), order.end()));
-  return rotations;
-}
-
 struct RotationMinimum {
   Matrix3d A = Matrix3d::Identity();
   double value = std::numeric_limits<double>::infinity();
@@ -378,11 +360,29 @@ void check_poses(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements&
 
 }  // namespace
 
+std::vector<Matrix3d> cube_rotations() {
+  std::vector<Matrix3d> rotations;
+  std::array<int, 3> order = {0, 1, 2};
+  do {
+    for (int signs = 0; signs < 8; ++signs) {
+      Matrix3d R = Matrix3d::Zero();
+      for (int axis = 0; axis < 3; ++axis) {
+        const bool negative = ((static_cast<unsigned>(signs) >> static_cast<unsigned>(axis)) & 1U) != 0U;
+        R(order[static_cast<std::size_t>(axis)], axis) = negative ? -1.0 : 1.0;
+      }
+      if (R.determinant() > 0.0) {
+        rotations.push_back(R);
+      }
+    }
+  } while (std::next_permutation(order.begin(), order.end()));
+  return rotations;
+}
+
 Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                        const RegistrationOptions& options) {
   check_poses(X_BF, measurements);
   check(options);
-  if (measurements.stations.size() > 1) {
+  if (measurements.stations.size() > 1 || has_single_coordinates(measurements)) {
     return register_stations(X_BF, measurements, options);
   }
   std::vector<const TargetFrame*> known;

@@ -40,9 +40,12 @@ struct Registration {
 /// a quadratic form in the nine elements of A, exact and independent of the number of observations, which is minimised
 /// over the rotations from 25 starts (a rotation search as in Olsson et al. 2009, without its bounds). Measured
 /// orientations add the terms A Z - R_BF R_FT with R_FT unconstrained, an approximation whose result lies within noise
-/// of the optimum. With several stations see station_registration.hpp.
+/// of the optimum. With several stations or single coordinates see station_registration.hpp.
 Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                        const RegistrationOptions& options = {});
+
+/// The 24 rotations of the cube: no rotation is farther than 62.8 degrees from one of them.
+std::vector<Eigen::Matrix3d> cube_rotations();
 
 /// [m] lower bound of the 3D RMS over all bases and targets: the minimum of that quadratic form over all matrices A
 /// instead of rotations, at a tenth of the cost of a registration. Ignores sigmas and orientations.

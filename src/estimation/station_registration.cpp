@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -12,6 +14,7 @@
 #include "estimation/prediction.hpp"
 #include "estimation/scaled_solver.hpp"
 #include "estimation/unknowns.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -34,23 +37,29 @@ public:
   JointRegistration(const std::vector<Isometry3d>& X_BF, const Measurements& training,
                     const RegistrationOptions& options)
       : X_BF_(X_BF), training_(training), options_(options) {
-    for (const std::string& station : training.stations) {
-      is_known_.push_back(find_base(options.known_stations, station) != nullptr);
+    if (training.stations.size() < 2) {
+      is_known_.push_back(options.known_base.has_value());
+    } else {
+      for (const std::string& station : training.stations) {
+        is_known_.push_back(find_base(options.known_stations, station) != nullptr);
+      }
     }
+    bases_ = is_known_.size();
     for (const std::string& target : training.targets) {
       is_known_.push_back(find_target(options.known_targets, target) != nullptr);
     }
   }
 
-  // Levenberg-Marquardt. Returns the cost.
-  double fit(Estimate& estimate) const {
-    constexpr int kSteps = 100;
+  static constexpr int kToTheEnd = 100;
+
+  // At most this many Levenberg-Marquardt steps. Returns the cost.
+  double fit(Estimate& estimate, int steps = kToTheEnd) const {
     constexpr double kLeastDamping = 1e-9;  // undetermined directions stay as they are
     constexpr double kSettled = 1e-13;      // of the squared length of a step
     double damping = kLeastDamping;
     ScaledSolver solver;
     NormalEquations equations = linearise(estimate);
-    for (int step = 0; step < kSteps && damping < 1e12; ++step) {
+    for (int step = 0; step < steps && damping < 1e12; ++step) {
       solver.solve(equations.hessian, damping * equations.hessian.diagonal(), equations.gradient);
       const VectorXd& move = solver.solution();
       const Estimate next = moved(estimate, move);
@@ -69,6 +78,23 @@ public:
     return equations.cost;
   }
 
+  // Moves base positions and targets to the least cost. Directions that no row determines stay.
+  void place(Estimate& estimate) const {
+    constexpr double kRidge = 1e-6;
+    const NormalEquations equations = linearise(estimate);
+    std::vector<Index> columns;
+    for (Index column = 0; column < equations.gradient.size(); ++column) {
+      if (column % 6 < 3) {
+        columns.push_back(column);
+      }
+    }
+    VectorXd step = VectorXd::Zero(equations.gradient.size());
+    MatrixXd information = equations.hessian(columns, columns);
+    information.diagonal().array() += kRidge * information.trace();
+    step(columns) = VectorXd(information.ldlt().solve(VectorXd(equations.gradient(columns))));
+    estimate = moved(estimate, step);
+  }
+
   // Number of directions of the unknown frames that the rows do not determine.
   int open_directions(const Estimate& estimate) const {
     constexpr double kNothing = 1e-10;
@@ -79,7 +105,7 @@ public:
     const auto determined = (spectrum.eigenvalues().array() > kNothing).count();
     Index unknowns = 0;
     for (std::size_t frame = 0; frame < is_known_.size(); ++frame) {
-      unknowns += is_known_[frame] ? 0 : frame < training_.stations.size() ? 6 : 3;
+      unknowns += is_known_[frame] ? 0 : frame < bases_ ? 6 : 3;
     }
     return static_cast<int>(std::max<Index>(unknowns - determined, 0));
   }
@@ -113,14 +139,18 @@ private:
       const Observation& o = training_.observations[row];
       const auto target = static_cast<std::size_t>(o.target);
       const std::array<Index, 2> first = {static_cast<Index>(6 * station_of(o)),
-                                          static_cast<Index>(6 * (training_.stations.size() + target))};
+                                          static_cast<Index>(6 * (bases_ + target))};
       const Isometry3d& X_WB = estimate.base(station_of(o));
       const Isometry3d X_BT = X_BF_[static_cast<std::size_t>(o.configuration)] * estimate.targets[target].X_FT;
       const Matrix3d R_WF = X_WB.linear() * X_BF_[static_cast<std::size_t>(o.configuration)].linear();
       const double weight = o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0;
       Eigen::Matrix<double, 3, 12> jacobian;
       jacobian << X_WB.linear(), -X_WB.linear() * skew(X_BT.translation()), R_WF, Matrix3d::Zero();
-      add(o.position - X_WB * X_BT.translation(), jacobian, weight, first, equations);
+      const Vector3d predicted = X_WB * X_BT.translation();
+      if (has_single_coordinates(training_)) {
+        jacobian = directions_at(training_, row, predicted) * Eigen::Matrix<double, 3, 12>(jacobian);
+      }
+      add(difference_at(training_, row, predicted), jacobian, weight, first, equations);
       if (training_.orientations.empty() || is_point(training_.orientations[row])) {
         continue;
       }
@@ -134,7 +164,7 @@ private:
 
   Estimate moved(const Estimate& estimate, const VectorXd& step) const {
     Estimate result = estimate;
-    const auto stations = static_cast<Index>(training_.stations.size());
+    const auto stations = static_cast<Index>(bases_);
     for (Index frame = 0; frame < static_cast<Index>(is_known_.size()); ++frame) {
       const Vector3d linear = step.segment<3>(6 * frame);
       const Matrix3d turn = rotation_exp(step.segment<3>(6 * frame + 3));
@@ -152,7 +182,85 @@ private:
   const Measurements& training_;
   const RegistrationOptions& options_;
   std::vector<bool> is_known_;  // stations, then targets
+  std::size_t bases_ = 0;
 };
+
+// X_WB from the distances of the training rows: the centre c in B of the sphere about each anchor a, with the targets
+// as they are known or at the flange, |p - c|^2 = d^2 or 2 p c - |c|^2 = |p|^2 - d^2; then the motion from all c to a.
+Isometry3d base_from_distances(const std::vector<Isometry3d>& X_BF, const Measurements& training,
+                               const std::vector<TargetFrame>& targets) {
+  std::map<std::array<double, 3>, std::vector<std::size_t>> of_anchor;
+  for (std::size_t row = 0; row < training.observations.size(); ++row) {
+    if (distance_at(training, row) > 0.0) {
+      const Vector3d& a = training.observations[row].position;
+      of_anchor[{a.x(), a.y(), a.z()}].push_back(row);
+    }
+  }
+  Eigen::Matrix3Xd in_base(3, of_anchor.size());
+  Eigen::Matrix3Xd in_world(3, of_anchor.size());
+  Index anchor = 0;
+  for (const auto& [position, rows] : of_anchor) {
+    MatrixXd A(rows.size(), 4);
+    VectorXd b(rows.size());
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      const Observation& o = training.observations[rows[i]];
+      const Vector3d p = X_BF[static_cast<std::size_t>(o.configuration)] *
+                         targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+      const auto k = static_cast<Index>(i);
+      A.row(k) << 2.0 * p.transpose(), -1.0;
+      b[k] = p.squaredNorm() - std::pow(distance_at(training, rows[i]), 2);
+    }
+    in_base.col(anchor) = A.completeOrthogonalDecomposition().solve(b).head<3>();
+    in_world.col(anchor++) = Vector3d(position[0], position[1], position[2]);
+  }
+  return Isometry3d(Eigen::umeyama(in_base, in_world, false));
+}
+
+// The only station of measurements with single coordinates. With the rotation of the base held, its position and the
+// targets follow by linear least squares. A few steps are made from each rotation of the cube, and those from the best
+// one are continued. Distances give a start by themselves.
+Registration registered_by_coordinates(const std::vector<Isometry3d>& X_BF, const Measurements& training,
+                                       const RegistrationOptions& options) {
+  constexpr int kFewSteps = 10;
+  const JointRegistration joint(X_BF, training, options);
+  Estimate start;
+  for (const std::string& name : training.targets) {
+    const TargetFrame* const known = find_target(options.known_targets, name);
+    start.targets.push_back(known != nullptr ? *known : TargetFrame{.name = name});
+  }
+  Estimate best = start;
+  double least = std::numeric_limits<double>::infinity();
+  std::vector<Isometry3d> bases;
+  const bool distances = std::all_of(training.coordinates.begin(), training.coordinates.end(),
+                                     [](const MeasuredCoordinates& measured) { return measured.distance > 0.0; });
+  if (options.known_base) {
+    bases.push_back(*options.known_base);
+  } else if (distances) {
+    bases.push_back(base_from_distances(X_BF, training, start.targets));
+  } else {
+    for (const Matrix3d& R : cube_rotations()) {
+      bases.emplace_back(R);
+    }
+  }
+  for (const Isometry3d& X_WB : bases) {
+    Estimate tried = start;
+    tried.X_WB = X_WB;
+    if (!distances) {
+      joint.place(tried);
+    }
+    const double cost = joint.fit(tried, kFewSteps);
+    if (cost < least) {
+      least = cost;
+      best = tried;
+    }
+  }
+  joint.fit(best);
+  Registration result;
+  result.X_WB = best.X_WB;
+  result.targets = best.targets;
+  result.open = joint.open_directions(best);
+  return result;
+}
 
 // A start of the joint fit, and whether its first station determines its base and targets.
 struct Start {
@@ -178,7 +286,8 @@ Start registered_one_by_one(const std::vector<Isometry3d>& X_BF, const Measureme
       bases[station] = known == nullptr ? Isometry3d::Identity() : *known;
       continue;
     }
-    const Registration registration = register_base_and_targets(X_BF, rows, own);
+    const Registration registration = has_single_coordinates(rows) ? registered_by_coordinates(X_BF, rows, own)
+                                                                   : register_base_and_targets(X_BF, rows, own);
     bases[station] = registration.X_WB;
     result.is_firm = result.is_firm || (station == order.front() && registration.open == 0);
     for (const Observation& observation : rows.observations) {
@@ -200,6 +309,14 @@ Start registered_one_by_one(const std::vector<Isometry3d>& X_BF, const Measureme
   return result;
 }
 
+double misfit_of(const Estimate& estimate, const std::vector<Isometry3d>& X_BF, const Measurements& training) {
+  double squares = 0.0;
+  for (std::size_t row = 0; row < training.observations.size(); ++row) {
+    squares += measured_minus_predicted(training, row, estimate, X_BF).squaredNorm();
+  }
+  return std::sqrt(squares / std::max(static_cast<double>(training.observations.size()), 1.0));
+}
+
 }  // namespace
 
 Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measurements& measurements,
@@ -207,9 +324,14 @@ Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measur
   constexpr std::size_t kMostStarts = 4;
   const TrainingRows rows(measurements);
   const Measurements& training = *rows;
+  if (training.stations.size() < 2) {
+    Registration only = registered_by_coordinates(X_BF, training, options);
+    only.rms = misfit_of({.errors = {}, .X_WB = only.X_WB, .targets = only.targets, .effects = {}}, X_BF, training);
+    return only;
+  }
   std::vector<std::size_t> count(training.stations.size(), 0);
-  for (const Observation& observation : training.observations) {
-    ++count[station_of(observation)];
+  for (std::size_t row = 0; row < training.observations.size(); ++row) {
+    count[station_of(training.observations[row])] += static_cast<std::size_t>(coordinates_of(training, row));
   }
   std::vector<std::size_t> by_rows(count.size());
   std::iota(by_rows.begin(), by_rows.end(), std::size_t{0});
@@ -237,11 +359,7 @@ Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measur
   result.other_bases = found.other_bases;
   result.targets = found.targets;
   result.open = joint.open_directions(found);
-  double squares = 0.0;
-  for (const Observation& observation : training.observations) {
-    squares += (observation.position - predicted_point(found, X_BF, observation)).squaredNorm();
-  }
-  result.rms = std::sqrt(squares / std::max(static_cast<double>(training.observations.size()), 1.0));
+  result.rms = misfit_of(found, X_BF, training);
   return result;
 }
 

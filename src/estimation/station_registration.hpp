@@ -16,6 +16,9 @@ namespace kdl_calibration {
 /// targets known. From there all bases and targets are fitted together by Levenberg-Marquardt steps. If the first
 /// station does not determine its base and targets, further ones are tried as the first, and the best fit is taken.
 /// Directions that no row determines stay as they were registered.
+///
+/// Also for single coordinates, of one station or several: a station is then registered by Levenberg-Marquardt steps
+/// from the rotations of the cube.
 Registration register_stations(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
                                const RegistrationOptions& options);
 

@@ -86,6 +86,9 @@ std::optional<std::size_t> station_named(const ErrorModel& model, const std::str
 }
 
 std::optional<std::size_t> measuring_station(const ErrorModel& model, const std::string& name) {
+  if (model.stations.size() == 1 && name.empty()) {
+    return 0;
+  }
   if (!model.stations.empty() && name.empty()) {
     refuse_input("the measuring frame without its station", "one of " + comma_separated(model.stations));
   }

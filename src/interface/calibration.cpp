@@ -90,6 +90,12 @@ std::string hash_of(const Measurements& measurements) {
     add(row.target);
     add(row.split);
   }
+  for (const MeasuredCoordinates& measured : measurements.coordinates) {
+    for (const double value : measured.directions.reshaped()) {
+      add(value);
+    }
+    add(measured.distance);
+  }
   for (const std::vector<std::string>* names : {&measurements.configurations, &measurements.targets}) {
     for (const std::string& name : *names) {
       bytes += name + '\n';

@@ -25,11 +25,17 @@ struct FixedColumn {
 std::vector<FixedColumn> fixed_columns(Header& header) {
   using enum Quantity;
   auto& [x, y, z] = header.position;
+  auto& [n_x, n_y, n_z] = header.normal;
   std::vector<FixedColumn> columns = {{"configuration", &header.configuration, none, true},
                                       {"target", &header.target, none, true},
                                       {"x", &x, length, true},
                                       {"y", &y, length, true},
                                       {"z", &z, length, true},
+                                      {"n_x", &n_x},
+                                      {"n_y", &n_y},
+                                      {"n_z", &n_z},
+                                      {"along", &header.along, length},
+                                      {"distance", &header.distance, length},
                                       {"split", &header.split},
                                       {"station", &header.station},
                                       {"repeat", &header.repeat},
@@ -45,7 +51,7 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
 }
 
 constexpr std::array kOtherNames = {Word{"name", "target"}, Word{"point", "target"}, Word{"pose", "configuration"},
-                                    Word{"config", "configuration"}};
+                                    Word{"config", "configuration"}, Word{"anchor", "station"}};
 
 bool alike(std::string_view a, std::string_view b, bool any_case) {
   return any_case ? lower_case(a) == lower_case(b) : a == b;
@@ -248,14 +254,26 @@ private:
     }
   }
 
+  // The columns of a coordinate along a direction stand together.
+  void add_missing_of_line(std::vector<std::string>& missing) const {
+    if (!present(header_.along) && std::none_of(header_.normal.begin(), header_.normal.end(), present)) return;
+    for (const FixedColumn& fixed : fixed_) {
+      const bool states_line = fixed.name == "along" || fixed.name.starts_with("n_");
+      if (states_line && !present(*fixed.column)) missing.emplace_back(fixed.name);
+    }
+  }
+
   void check_complete() const {
     std::vector<std::string> missing;
     const bool poses = joints_.content == FileContent::poses;
     for (const FixedColumn& fixed : fixed_) {
       const bool required = poses ? fixed.quantity == Quantity::length && fixed.required
                                   : joints_.content == FileContent::measurements && fixed.required;
-      if (required && !present(*fixed.column)) missing.emplace_back(fixed.name);
+      const bool replaced =
+          !poses && fixed.quantity == Quantity::length && (present(header_.along) || present(header_.distance));
+      if (required && !replaced && !present(*fixed.column)) missing.emplace_back(fixed.name);
     }
+    add_missing_of_line(missing);
     if (poses && !has_orientation(header_)) missing.emplace_back("an orientation");
     const bool with_joints = !poses || std::any_of(header_.joints.begin(), header_.joints.end(), present);
     for (std::size_t i = 0; with_joints && i < header_.joints.size(); ++i) {
@@ -320,7 +338,7 @@ std::string expected_columns(const ExpectedJoints& joints) {
   std::string required = own;
   std::string optional = "configuration, target, x, y, z, ";
   if (joints.content == FileContent::measurements) {
-    required = "configuration, target, x, y, z and " + own;
+    required = "configuration, target, x, y, z (or n_x, n_y, n_z, along; or distance) and " + own;
     optional.clear();
   } else if (joints.content == FileContent::poses) {
     required = "x, y, z and " + orientation;

@@ -58,6 +58,9 @@ struct Header {
   std::size_t fields = 0;          ///< number of fields, trailing empty ones included
   Column configuration, split, repeat, target, sigma, order, station;
   std::array<Column, 3> position;
+  std::array<Column, 3> normal;  ///< n_x, n_y, n_z: the direction of the coordinate `along`
+  Column along;
+  Column distance;  ///< from the point x, y, z (or the origin) of the station's frame
   /// Index of the file's orientation form in kOrientationForms; their number if it has none.
   std::size_t orientation = kOrientationForms.size();
   std::array<std::array<Column, 4>, kOrientationForms.size()> orientations;  ///< of each form

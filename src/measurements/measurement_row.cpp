@@ -127,6 +127,58 @@ double Row::sigma() const {
   return value;
 }
 
+std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::position() const {
+  const auto is_given = [&](const Column& column) { return has(column); };
+  const bool any = std::any_of(header_.position.begin(), header_.position.end(), is_given);
+  if (has(header_.distance)) {
+    return distance_from_anchor();
+  }
+  if (has(header_.along) || std::any_of(header_.normal.begin(), header_.normal.end(), is_given) ||
+      (!any && present(header_.along) && !present(header_.position[0]))) {
+    return coordinate_along();
+  }
+  if (!any && !present(header_.position[0])) {
+    fail_cell(header_.distance, "is empty: expected a number");
+  }
+  Eigen::Vector3d z = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d P = Eigen::Matrix3d::Zero();
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto axis = static_cast<Eigen::Index>(i);
+    if (has(header_.position[i]) || !any) {
+      z[axis] = number(header_.position[i]);
+      P(axis, axis) = 1.0;
+    }
+  }
+  return {z, {.directions = P}};
+}
+
+std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::coordinate_along() const {
+  constexpr double kUnit = 1e-3;  // largest difference of the norm from 1
+  for (const Column& column : header_.position) {
+    if (has(column)) fail_cell(column, "stands beside a coordinate along n_x, n_y, n_z: expected one of the two");
+  }
+  const Eigen::Vector3d n(number(header_.normal[0]), number(header_.normal[1]), number(header_.normal[2]));
+  if (!(std::abs(n.norm() - 1.0) <= kUnit)) {
+    fail(place_, fmt::format("the norm of n_x, n_y, n_z is {:.4g}: expected a unit vector", n.norm()));
+  }
+  const Eigen::Vector3d unit = n.normalized();
+  return {number(header_.along) * unit, {.directions = unit * unit.transpose()}};
+}
+
+std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::distance_from_anchor() const {
+  const double distance = number(header_.distance);
+  if (!(distance > 0.0)) fail_cell(header_.distance, "is no distance: expected one above 0");
+  for (const Column& column : {header_.along, header_.normal[0], header_.normal[1], header_.normal[2]}) {
+    if (has(column)) fail_cell(column, "stands beside a distance: expected one of the two");
+  }
+  Eigen::Vector3d anchor = Eigen::Vector3d::Zero();
+  const auto is_given = [&](const Column& column) { return has(column); };
+  if (std::any_of(header_.position.begin(), header_.position.end(), is_given)) {
+    anchor << number(header_.position[0]), number(header_.position[1]), number(header_.position[2]);
+  }
+  return {anchor, {.distance = distance}};
+}
+
 Eigen::Quaterniond Row::orientation() const {
   const OrientationForm& form = kOrientationForms[header_.orientation];
   const auto& columns = header_.orientations[header_.orientation];

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "base/csv.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -34,6 +35,8 @@ public:
   std::int32_t repeat() const;
   std::int64_t order() const;
   double sigma() const;  ///< [m]; 0 if none is stated
+  /// Position of an observation, and what it measures.
+  std::pair<Eigen::Vector3d, MeasuredCoordinates> position() const;
   /// point_alone() if the row states no orientation.
   Eigen::Quaterniond orientation() const;
   /// The numbers [SI] that state the orientation `R` in the file's form, of several ways those nearest to the row's.
@@ -46,6 +49,8 @@ private:
   [[noreturn]] void fail_ragged() const;
   std::string with_point(const Column& column, std::string_view text) const;
   void note_decimals(const Column& column, char mark) const;
+  std::pair<Eigen::Vector3d, MeasuredCoordinates> coordinate_along() const;
+  std::pair<Eigen::Vector3d, MeasuredCoordinates> distance_from_anchor() const;
   Eigen::Quaterniond quaternion() const;
   double angle(const Column& column) const;
   Eigen::Vector3d angles() const;

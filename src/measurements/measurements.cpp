@@ -12,6 +12,7 @@
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurements_check.hpp"
 #include "measurements/training_rows.hpp"
@@ -53,6 +54,34 @@ Observation mean_observation(const std::vector<Observation>& observations, const
   return mean;
 }
 
+/// Replaces the mean of rows with directions P and weights w: L^+ sum w P z with L = sum w P. Of distances it is their
+/// weighted mean. Returns what it measures.
+MeasuredCoordinates take_mean_of_coordinates(const Measurements& measurements, const std::vector<std::size_t>& rows,
+                                             Observation& mean) {
+  const bool all_stated = mean.sigma > 0.0;
+  Eigen::Matrix3d L = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double weights = 0.0;
+  double distances = 0.0;
+  for (const std::size_t row : rows) {
+    const Observation& o = measurements.observations[row];
+    const double w = all_stated ? 1.0 / (o.sigma * o.sigma) : 1.0;
+    L += w * measurements.coordinates[row].directions;
+    sum += w * o.position;
+    weights += w;
+    distances += w * measurements.coordinates[row].distance;
+  }
+  if (distances > 0.0) {
+    mean.position = measurements.observations[rows.front()].position;
+    mean.sigma = all_stated ? 1.0 / std::sqrt(weights) : 0.0;
+    return {.distance = distances / weights};
+  }
+  const Eigen::Matrix3Xd R = root_of_directions(L);
+  mean.position = pseudo_inverse(R) * sum;
+  mean.sigma = all_stated ? std::sqrt(static_cast<double>(R.cols()) / L.trace()) : 0.0;
+  return {.directions = projector(R)};
+}
+
 }  // namespace
 
 Eigen::Quaterniond point_alone() {
@@ -78,6 +107,7 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
     numbers[static_cast<std::size_t>(o.configuration)] = 0;
     kept.observations.push_back(o);
     if (!measurements.orientations.empty()) kept.orientations.push_back(measurements.orientations[i]);
+    if (has_single_coordinates(measurements)) kept.coordinates.push_back(measurements.coordinates[i]);
     if (!measurements.order.empty()) kept.order.push_back(measurements.order[i]);
   }
   std::vector<Eigen::Index> columns;
@@ -95,30 +125,29 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
 }
 
 Measurements without_rows(const Measurements& measurements, const std::vector<std::string>& names) {
-  const auto number = [](const std::vector<std::string>& labels, const std::string& label) {
-    const auto found = std::find(labels.begin(), labels.end(), label);
-    return found == labels.end() ? -1 : static_cast<std::int32_t>(found - labels.begin());
+  // Distances from other anchors are configurations "12 from A2".
+  const auto is_named = [&](const Observation& o, const std::string& name) {
+    const std::string& label = measurements.configurations[static_cast<std::size_t>(o.configuration)];
+    return label == name || (has_single_coordinates(measurements) && label.rfind(name + " from ", 0) == 0);
   };
-  std::vector<std::pair<std::int32_t, std::int32_t>> left_out;  // configuration and target, -1 for all targets
-  for (const std::string& name : names) {
+  const auto matches = [&](const Observation& o, const std::string& name) {
     const std::size_t colon = name.rfind(':');
-    const bool whole = number(measurements.configurations, name) >= 0 || colon == std::string::npos;
-    const auto& [configuration, target] =
-        left_out.emplace_back(number(measurements.configurations, whole ? name : name.substr(0, colon)),
-                              whole ? -1 : number(measurements.targets, name.substr(colon + 1)));
-    const auto matches = [&, c = configuration, k = target](const Observation& o) {
-      return o.configuration == c && (whole || o.target == k);
-    };
-    if (std::none_of(measurements.observations.begin(), measurements.observations.end(), matches)) {
+    return is_named(o, name) || (colon != std::string::npos && is_named(o, name.substr(0, colon)) &&
+                                 measurements.targets[static_cast<std::size_t>(o.target)] == name.substr(colon + 1));
+  };
+  for (const std::string& name : names) {
+    if (std::none_of(measurements.observations.begin(), measurements.observations.end(),
+                     [&](const Observation& o) { return matches(o, name); })) {
       throw InputError(measurements.source + ": " + in_quotes(name) +
                        " cannot be left out: expected a configuration that was measured, or CONFIGURATION:TARGET");
     }
   }
   Measurements kept = subset(measurements, [&](const Observation& o) {
-    return std::none_of(left_out.begin(), left_out.end(), [&](const auto& row) {
-      return row.first == o.configuration && (row.second < 0 || row.second == o.target);
-    });
+    return std::none_of(names.begin(), names.end(), [&](const std::string& name) { return matches(o, name); });
   });
+  if (rows_of_single_coordinates(kept) == 0) {
+    kept.coordinates.clear();
+  }
   if (kept.observations.empty()) {
     throw InputError(measurements.source + ": nothing is left to read without " + comma_separated(names));
   }
@@ -133,6 +162,7 @@ Measurements averaged(const Measurements& measurements) {
   Measurements means = measurements;
   means.observations.clear();
   means.orientations.clear();
+  means.coordinates.clear();
   means.order.clear();
   const auto& observations = measurements.observations;
   const auto key = [&](std::size_t i) { return std::pair(observations[i].configuration, observations[i].target); };
@@ -147,6 +177,11 @@ Measurements averaged(const Measurements& measurements) {
     rows.push_back(order[k]);
     if (k + 1 < order.size() && key(order[k]) == key(order[k + 1])) continue;
     means.observations.push_back(mean_observation(observations, rows));
+    if (has_single_coordinates(measurements)) {
+      means.coordinates.push_back(rows.size() == 1
+                                      ? measurements.coordinates[rows.front()]
+                                      : take_mean_of_coordinates(measurements, rows, means.observations.back()));
+    }
     if (!measurements.orientations.empty()) {
       means.orientations.push_back(mean_orientation(measurements.orientations, rows));
     }
@@ -195,6 +230,14 @@ Measurements joined(const Measurements& first, const Measurements& second) {
     pad(second.observations.size());
   }
   result.orientations.insert(result.orientations.end(), second.orientations.begin(), second.orientations.end());
+  if (has_single_coordinates(first) || has_single_coordinates(second)) {
+    result.coordinates.clear();
+    for (const Measurements* part : {&first, &second}) {
+      for (std::size_t row = 0; row < part->observations.size(); ++row) {
+        result.coordinates.push_back(coordinates_at(*part, row));
+      }
+    }
+  }
   result.signals = side_by_side(first.signals, second.signals);
   if (first.order.empty() || second.order.empty()) {
     result.order.clear();

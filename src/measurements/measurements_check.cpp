@@ -75,6 +75,32 @@ bool is_orientation(const Eigen::Quaterniond& orientation) {
   return is_point(orientation) || std::abs(orientation.norm() - 1.0) <= kTolerance;
 }
 
+bool is_projector(const MeasuredCoordinates& measured) {
+  constexpr double kRounding = 1e-9;
+  const Eigen::Matrix3d& P = measured.directions;
+  return (P - P.transpose()).isZero(kRounding) && (P * P - P).isZero(kRounding) && P.trace() > 0.5;
+}
+
+// The distances of a configuration are from one anchor, and no other rows are with them.
+void require_one_anchor_each(const Measurements& measurements) {
+  std::vector<const Observation*> first(measurements.configurations.size(), nullptr);
+  for (std::size_t row = 0; row < measurements.coordinates.size(); ++row) {
+    const Observation& observation = measurements.observations[row];
+    const Observation*& other = first[static_cast<std::size_t>(observation.configuration)];
+    other = other == nullptr ? &observation : other;
+    const double distance = measurements.coordinates[row].distance;
+    const auto first_row = static_cast<std::size_t>(other - measurements.observations.data());
+    const double before = measurements.coordinates[first_row].distance;
+    if (!std::isfinite(distance) || distance < 0.0) {
+      refuse(measurements, fmt::format("observation {}: a distance of {}, expected one above 0", row, distance));
+    }
+    if ((distance > 0.0) != (before > 0.0) || (distance > 0.0 && observation.position != other->position)) {
+      refuse(measurements,
+             fmt::format("observation {}: its configuration has rows of several anchors, expected one", row));
+    }
+  }
+}
+
 }  // namespace
 
 void check(const Measurements& measurements) {
@@ -84,6 +110,7 @@ void check(const Measurements& measurements) {
   require_size_if_any(measurements, "names of joints", measurements.joints.size(),
                       static_cast<std::size_t>(measurements.joint_values.rows()));
   require_size_if_any(measurements, "orientations", measurements.orientations.size(), rows);
+  require_size_if_any(measurements, "measured coordinates", measurements.coordinates.size(), rows);
   require_size_if_any(measurements, "places in the order", measurements.order.size(), rows);
   require_size_if_any(measurements, "units of joints", measurements.joint_units.size(),
                       static_cast<std::size_t>(measurements.joint_values.rows()));
@@ -107,6 +134,13 @@ void check(const Measurements& measurements) {
   }
   if (measurements.stations.size() > 1) {
     require_one_station_each(measurements);
+  }
+  require_one_anchor_each(measurements);
+  const auto no_projector =
+      std::find_if_not(measurements.coordinates.begin(), measurements.coordinates.end(), is_projector);
+  if (no_projector != measurements.coordinates.end()) {
+    refuse(measurements, fmt::format("observation {}: its directions are no projector onto 1, 2 or 3 directions",
+                                     no_projector - measurements.coordinates.begin()));
   }
   const auto wrong =
       std::find_if_not(measurements.orientations.begin(), measurements.orientations.end(), is_orientation);

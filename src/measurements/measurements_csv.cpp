@@ -10,6 +10,7 @@
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurements_check.hpp"
@@ -50,11 +51,22 @@ struct UsedColumns {
   bool quaternion = false;
   bool order = false;
   bool station = false;
+  bool along = false;
+  bool distance = false;
   std::vector<Eigen::Index> torques;  ///< joints with a known torque
 };
 
+/// Whether the coordinates of a row are along axes of W.
+bool is_by_axis(const Measurements& measurements, std::size_t row) {
+  return coordinates_at(measurements, row).directions.isDiagonal(0.0);
+}
+
 UsedColumns used_columns(const Measurements& measurements) {
   UsedColumns used;
+  for (std::size_t row = 0; row < measurements.coordinates.size(); ++row) {
+    used.along = used.along || !is_by_axis(measurements, row);
+    used.distance = used.distance || measurements.coordinates[row].distance > 0.0;
+  }
   used.quaternion = !measurements.orientations.empty();
   used.order = !measurements.order.empty();
   used.station = !measurements.stations.empty();
@@ -87,6 +99,8 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
     text += "," + csv_field(name);
   }
   text += ",x[m],y[m],z[m]";
+  if (used.along) text += ",n_x,n_y,n_z,along[m]";
+  if (used.distance) text += ",distance[m]";
   if (used.quaternion) text += ",qw,qx,qy,qz";
   if (used.sigma) text += ",sigma[m]";
   if (used.order) text += ",order";
@@ -119,6 +133,29 @@ private:
   std::string& text_;
 };
 
+void add_position(const Measurements& measurements, std::size_t row, const UsedColumns& used, Cells& cells) {
+  const Eigen::Vector3d& z = measurements.observations[row].position;
+  const auto [P, distance] = coordinates_at(measurements, row);
+  const bool by_axis = is_by_axis(measurements, row);
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    cells.add(z[axis], by_axis && P(axis, axis) > 0.5);
+  }
+  if (!by_axis && coordinates_of(measurements, row) > 1) {
+    fail(measurements.source, "observation " + std::to_string(row) +
+                                  " has two coordinates that are not along x, y and z, expected one along a direction");
+  }
+  if (used.along) {
+    Eigen::Index largest = 0;
+    P.diagonal().maxCoeff(&largest);
+    const Eigen::Vector3d n = P.col(largest).normalized();
+    cells.add_each(n, !by_axis);
+    cells.add(n.dot(z), !by_axis);
+  }
+  if (used.distance) {
+    cells.add(distance, distance > 0.0);
+  }
+}
+
 }  // namespace
 
 std::string measurements_csv(const Measurements& measurements) {
@@ -137,7 +174,7 @@ std::string measurements_csv(const Measurements& measurements) {
     if (used.station) text += "," + stations[station_of(o)];
     text += "," + targets[static_cast<std::size_t>(o.target)];
     cells.add_each(measurements.joint_values.col(o.configuration));
-    cells.add_each(o.position);
+    add_position(measurements, i, used, cells);
     if (used.quaternion) {
       const Eigen::Quaterniond& q = measurements.orientations[i];
       cells.add_each(std::array{q.w(), q.x(), q.y(), q.z()}, !is_point(q));

@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -48,16 +49,13 @@ public:
   void add(const Row& row, std::size_t line) {
     Observation observation;
     observation.split = row.split();
-    observation.configuration = configuration(row, observation.split);
+    for (std::size_t j = 0; j < joint_row_.size(); ++j) joint_row_[j] = row.number(joint_columns_[j]);
     observation.target = present(header_.target) ? label(targets_, row, header_.target) : only_target();
     if (targets_.size() > kMostTargets) row.fail_row("one target more than the limit of 100");
     if (present(header_.station)) take_station(row, observation);
+    take_position(row, observation);
+    observation.configuration = configuration(row, observation);
     observation.repeat = row.repeat();
-    for (std::size_t i = 0; i < 3; ++i) {
-      const Column& column = header_.position[i];
-      const bool left_open = !with_points_ && !row.has(column);
-      observation.position[static_cast<Eigen::Index>(i)] = left_open ? 0.0 : row.number(column);
-    }
     observation.sigma = row.sigma();
     observations_.push_back(observation);
     lines_.push_back(line);
@@ -79,7 +77,15 @@ public:
                                            static_cast<Eigen::Index>(first_rows_.size()));
     Eigen::AlignedBox3d points;
     for (const Observation& o : observations_) points.extend(o.position);
-    check_missing_units(joints, {.header = header_, .source = source_, .joint_values = read, .points = points});
+    double largest_distance = 0.0;
+    for (const MeasuredCoordinates& measured : coordinates_) {
+      largest_distance = std::max(largest_distance, measured.distance);
+    }
+    check_missing_units(joints, {.header = header_,
+                                 .source = source_,
+                                 .joint_values = read,
+                                 .points = points,
+                                 .largest_distance = largest_distance});
     apply_convention(stated, read);
     Measurements result;
     result.source = source_;
@@ -88,6 +94,8 @@ public:
     result.configurations = configurations_.take_labels();
     result.targets = targets_.take_labels();
     result.stations = stations_.take_labels();
+    if (!coordinates_.empty() && result.stations.empty()) result.stations = {"W"};
+    result.coordinates = std::move(coordinates_);
     result.observations = std::move(observations_);
     drop_unused_orientations(orientations_);
     result.orientations = std::move(orientations_);
@@ -138,12 +146,11 @@ private:
   }
 
   /// The row's configuration, checked against its earlier rows.
-  std::int32_t configuration(const Row& row, Split split) {
+  std::int32_t configuration(const Row& row, const Observation& observation) {
     const std::int32_t count = configurations_.size();
     const std::int32_t number =
-        present(header_.configuration) ? label(configurations_, row, header_.configuration) : next_configuration();
+        present(header_.configuration) ? labelled_configuration(row, observation) : next_configuration();
     const std::size_t joints = joint_row_.size();
-    for (std::size_t j = 0; j < joints; ++j) joint_row_[j] = row.number(joint_columns_[j]);
     if (number == count) {
       joint_values_.insert(joint_values_.end(), joint_row_.begin(), joint_row_.end());
       first_rows_.push_back(observations_.size());
@@ -161,7 +168,9 @@ private:
         largest_scatter_ = std::max(largest_scatter_, std::abs(difference));
       }
     }
-    if (split != observations_[first_row].split) fail_inconsistent(row, header_.split, "split", first_row);
+    const Observation& first = observations_[first_row];
+    if (first.split != observation.split) fail_inconsistent(row, header_.split, "split", first_row);
+    if (first.station != observation.station) fail_inconsistent(row, header_.station, "station", first_row);
     return number;
   }
 
@@ -171,14 +180,48 @@ private:
                                       lines_[first_row], rule, shown(row.text(header_.configuration))));
   }
 
+  void take_position(const Row& row, Observation& observation) {
+    if (!with_points_) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Column& column = header_.position[i];
+        observation.position[static_cast<Eigen::Index>(i)] = row.has(column) ? row.number(column) : 0.0;
+      }
+      return;
+    }
+    const auto [position, coordinates] = row.position();
+    observation.position = position;
+    if (coordinates_.empty() && coordinates == MeasuredCoordinates()) return;
+    coordinates_.resize(observations_.size());
+    coordinates_.push_back(coordinates);
+  }
+
   void take_station(const Row& row, Observation& observation) {
     const std::int32_t station = label(stations_, row, header_.station);
     if (stations_.size() > kMostStations) row.fail_row("one station more than the limit of 100");
     observation.station = static_cast<std::int16_t>(station);
-    const std::size_t first_row = first_rows_[static_cast<std::size_t>(observation.configuration)];
-    if (first_row < observations_.size() && observations_[first_row].station != observation.station) {
-      fail_inconsistent(row, header_.station, "station", first_row);
+  }
+
+  /// The number of the row's label. Distances from another anchor than that of the first row are a configuration of
+  /// their own, at the same joint values.
+  std::int32_t labelled_configuration(const Row& row, const Observation& observation) {
+    const std::int32_t number = label(configurations_, row, header_.configuration);
+    const auto index = static_cast<std::size_t>(number);
+    if (index == first_rows_.size() || coordinates_.empty()) return number;
+    const Observation& first = observations_[first_rows_[index]];
+    const bool is_distance = coordinates_.back().distance > 0.0;
+    const bool first_is_distance = coordinates_[first_rows_[index]].distance > 0.0;
+    const bool same_place = is_distance == first_is_distance && observation.station == first.station &&
+                            observation.position == first.position;
+    if (same_place || !(is_distance || first_is_distance)) return number;
+    std::string text(name_in(row.text(header_.configuration)));
+    const auto station = static_cast<std::size_t>(observation.station);
+    text += " from " + (stations_.size() > 0 ? stations_.labels()[station] : "W");
+    if (const Eigen::Vector3d& anchor = observation.position; is_distance && !anchor.isZero(0.0)) {
+      text += fmt::format(" {:.6g} {:.6g} {:.6g}", anchor.x(), anchor.y(), anchor.z());
     }
+    const std::int32_t own = configurations_.find(text);
+    if (own == configurations_.size()) configurations_.add(text);
+    return own;
   }
 
   /// Replaces joint values that scatter between rows by their means.
@@ -202,10 +245,18 @@ private:
     if (ordered == observations_.size()) return;
     std::vector<std::size_t> rows(observations_.size());
     std::iota(rows.begin(), rows.end(), std::size_t{0});
-    std::sort(rows.begin(), rows.end(),
-              [&](std::size_t a, std::size_t b) { return std::tuple(key(a), a) < std::tuple(key(b), b); });
-    const auto twin =
-        std::adjacent_find(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) { return key(a) == key(b); });
+    // Single coordinates of one point along other directions are no duplicates.
+    const auto direction = [this](std::size_t i) {
+      std::array<double, 9> P{};
+      if (!coordinates_.empty()) std::copy_n(coordinates_[i].directions.data(), P.size(), P.begin());
+      return P;
+    };
+    std::sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) {
+      return std::tuple(key(a), direction(a), a) < std::tuple(key(b), direction(b), b);
+    });
+    const auto twin = std::adjacent_find(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) {
+      return key(a) == key(b) && direction(a) == direction(b);
+    });
     if (twin == rows.end()) return;
     const Observation& o = observations_[*twin];
     fail(Place{source_, lines_[*(twin + 1)]},
@@ -244,6 +295,7 @@ private:
   double largest_scatter_ = 0.0;
   std::vector<Observation> observations_;
   std::vector<Eigen::Quaterniond> orientations_;
+  std::vector<MeasuredCoordinates> coordinates_;  ///< empty as long as all rows are whole points
   std::vector<std::int64_t> order_;
   TorqueMeans torques_;
   std::vector<std::size_t> lines_;  ///< line of each observation

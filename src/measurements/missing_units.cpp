@@ -36,12 +36,19 @@ double largest_length(const ExpectedJoints& joints) {
 }
 
 void check_units_of_points(const ExpectedJoints& joints, const ReadValues& read) {
+  if (read.header.distance.unit == Unit::none && read.largest_distance > largest_length(joints)) {
+    fail(read.source, "distances up to " + rounded(read.largest_distance) +
+                          " m without a unit are beyond this robot: millimetres? write distance[mm] (or [m])");
+  }
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (!present(read.header.position[axis]) || read.header.position[axis].unit != Unit::none) continue;
+    const bool by_axis = present(read.header.position[axis]);
+    const Column& column = by_axis ? read.header.position[axis] : read.header.along;
+    if (!present(column) || column.unit != Unit::none) continue;
     const double apart = read.points.sizes()[static_cast<Eigen::Index>(axis)];
     if (apart > largest_length(joints)) {
-      const char name = "xyz"[axis];
-      fail(read.source, "points " + rounded(apart) + " m apart along " + name +
+      const std::string axis_name(1, "xyz"[axis]);
+      const std::string name = by_axis ? axis_name : "along";
+      fail(read.source, "points " + rounded(apart) + " m apart along " + axis_name +
                             " without a unit are beyond this robot: millimetres? write " + name + "[mm] (or [m])");
     }
   }

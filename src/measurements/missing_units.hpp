@@ -16,6 +16,7 @@ struct ReadValues {
   const std::string& source;
   Eigen::Ref<const Eigen::MatrixXd> joint_values;  ///< joint_columns() x configurations
   Eigen::AlignedBox3d points;
+  double largest_distance = 0.0;
 };
 
 /// Throws InputError if a column without unit has values that are implausible in rad or m.

@@ -160,6 +160,11 @@ std::vector<Index> first_of_neighbours(const MatrixXd& joint_values) {
 
 Measurements with_poses_joined(Measurements measurements) {
   check(measurements);
+  // At one pose there may be distances from several anchors.
+  if (std::any_of(measurements.coordinates.begin(), measurements.coordinates.end(),
+                  [](const MeasuredCoordinates& measured) { return measured.distance > 0.0; })) {
+    return measurements;
+  }
   const std::vector<std::vector<Index>> poses = members_of_poses(measurements);
   if (poses.size() == measurements.configurations.size()) {
     return measurements;

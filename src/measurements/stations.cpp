@@ -6,6 +6,7 @@
 
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 
 namespace kdl_calibration {
 
@@ -15,6 +16,7 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
   own.stations.clear();
   own.observations.clear();
   own.orientations.clear();
+  own.coordinates.clear();
   own.order.clear();
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     if (station_of(measurements.observations[row]) != station) {
@@ -25,6 +27,9 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
     own.observations.back().station = 0;
     if (!measurements.orientations.empty()) {
       own.orientations.push_back(measurements.orientations[row]);
+    }
+    if (has_single_coordinates(measurements)) {
+      own.coordinates.push_back(measurements.coordinates[row]);
     }
     if (!measurements.order.empty()) {
       own.order.push_back(measurements.order[row]);
@@ -46,7 +51,7 @@ LooseRotations loose_rotations(const Measurements& station) {
   LooseRotations result;
   const bool oriented = std::any_of(station.orientations.begin(), station.orientations.end(),
                                     [](const Eigen::Quaterniond& turn) { return !is_point(turn); });
-  if (station.observations.empty() || oriented) {
+  if (station.observations.empty() || oriented || has_single_coordinates(station)) {
     return result;
   }
   const auto count = static_cast<double>(station.observations.size());

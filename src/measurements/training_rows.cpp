@@ -44,6 +44,7 @@ TrainingRows::TrainingRows(const Measurements& measurements) : all_(measurements
   check(all_);
   apart_ = all_;
   keep_those_of_training(rows, apart_->orientations);
+  keep_those_of_training(rows, apart_->coordinates);
   keep_those_of_training(rows, apart_->order);
   keep_those_of_training(rows, apart_->observations);
 }

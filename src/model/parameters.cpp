@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 
 namespace kdl_calibration {
 
@@ -49,7 +50,8 @@ const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const 
 }
 
 ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
-  model.stations = measurements.stations.size() > 1 ? measurements.stations : std::vector<std::string>();
+  const bool apart = measurements.stations.size() > 1 || has_single_coordinates(measurements);
+  model.stations = apart ? measurements.stations : std::vector<std::string>();
   return model;
 }
 
@@ -59,7 +61,7 @@ const std::vector<std::string>& base_parameter_names() {
 }
 
 std::vector<std::string> base_parameter_names(const ErrorModel& model) {
-  if (model.stations.size() < 2) {
+  if (model.stations.empty()) {
     return base_parameter_names();
   }
   std::vector<std::string> names;

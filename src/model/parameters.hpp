@@ -31,7 +31,8 @@ const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const st
 /// The pose of the base at this station; a null pointer if there is none.
 const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const std::string& station);
 
-/// The model with the stations of these measurements, if they are several.
+/// The model with the stations of these measurements, if they are several or measured single coordinates, which may
+/// leave the base undetermined without any consequence for the arm.
 ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model);
 
 /// Names "base.Tx" … "base.Rz".

@@ -6,6 +6,7 @@
 #include <map>
 #include <utility>
 
+#include "measurements/directions.hpp"
 #include "measurements/measurements_check.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -81,7 +82,7 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   const TrainingRows training(measurements);
   const auto& rows = (*training).observations;
   const auto other_repeat = [&](const Observation& o) { return o.repeat != rows.front().repeat; };
-  if (std::none_of(rows.begin(), rows.end(), other_repeat)) {
+  if (has_single_coordinates(measurements) || std::none_of(rows.begin(), rows.end(), other_repeat)) {
     return {};
   }
   std::map<std::int32_t, std::map<std::int32_t, RepeatDeviations>> cells;  // indexed by configuration and target

@@ -15,6 +15,7 @@
 #include "effects/joint_effects.hpp"
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
@@ -106,8 +107,25 @@ std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& esti
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
   std::vector<Vector3d> result;
   result.reserve(measurements.observations.size());
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    result.push_back(measured_minus_predicted(measurements, row, estimate, X_BF));
+  }
+  return result;
+}
+
+// The measured points [m] in W. Coordinates that were not measured are those of the predicted point.
+std::vector<Vector3d> shown_points(const ErrorModel& model, const Estimate& estimate,
+                                   const Measurements& measurements) {
+  std::vector<Vector3d> result;
   for (const Observation& observation : measurements.observations) {
-    result.emplace_back(observation.position - predicted_point(estimate, X_BF, observation));
+    result.push_back(observation.position);
+  }
+  if (has_single_coordinates(measurements)) {
+    const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
+    for (std::size_t row = 0; row < result.size(); ++row) {
+      result[row] = predicted_point(estimate, X_BF, measurements.observations[row]) +
+                    measured_minus_predicted(measurements, row, estimate, X_BF);
+    }
   }
   return result;
 }
@@ -183,16 +201,18 @@ Json of_controller(const JointConvention& convention, const std::vector<MovingJo
 
 // Measured region for which the page states accuracy: joint ranges, and the box of the measured points parallel to the
 // base axes. From the fitted rows, or all rows if none was fitted.
-void add_reach(const Measurements& measurements, const Estimate& estimate, const Eigen::MatrixXd& joint_values,
-               Json& result) {
+void add_reach(const ReportedMeasurements& reported, const Eigen::MatrixXd& joint_values, Json& result) {
+  const Estimate& estimate = reported.estimate;
   const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
-  const TrainingRows training(measurements);
-  const Measurements& spanned = (*training).observations.empty() ? measurements : *training;
+  const TrainingRows training(reported.measurements);
+  const Measurements& spanned = (*training).observations.empty() ? reported.measurements : *training;
+  const std::vector<Vector3d> points = shown_points(reported.model, estimate, spanned);
   Eigen::AlignedBox3d box;
   Eigen::VectorXd lower = Eigen::VectorXd::Constant(joint_values.rows(), kInfinity);
   Eigen::VectorXd upper = -lower;
-  for (const Observation& observation : spanned.observations) {
-    box.extend(X_BW * (to_first_station(estimate, observation) * observation.position));
+  for (std::size_t row = 0; row < points.size(); ++row) {
+    const Observation& observation = spanned.observations[row];
+    box.extend(X_BW * (to_first_station(estimate, observation) * points[row]));
     lower = lower.cwiseMin(joint_values.col(observation.configuration));
     upper = upper.cwiseMax(joint_values.col(observation.configuration));
   }
@@ -237,6 +257,7 @@ Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& es
 Json measurements_block(const ReportedMeasurements& reported) {
   const Measurements& measurements = reported.measurements;
   const std::vector<Vector3d> after = residuals_of(reported.model, reported.estimate, measurements);
+  const std::vector<Vector3d> measured = shown_points(reported.model, reported.estimate, measurements);
   std::vector<Vector3d> before;
   if (reported.before != nullptr) {
     before = residuals_of(reported.model, *reported.before, measurements);
@@ -271,7 +292,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
                       {"target", observation.target},
                       {"repeat", observation.repeat},
                       {"test", observation.split == Split::test},
-                      {"measured", array(to_first * observation.position)},
+                      {"measured", array(to_first * measured[row])},
                       {"residual", array(to_first.linear() * after[row])}});
     if (measurements.stations.size() > 1) {
       points.back()["station"] = measurements.stations[station_of(observation)];
@@ -291,7 +312,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
                  {"configurations", configurations},
                  {"points", points},
                  {"distributions", distributions_json(measurements, norms(before), distances)}};
-  add_reach(measurements, reported.estimate, known.values, result);
+  add_reach(reported, known.values, result);
   return result;
 }
 

@@ -23,8 +23,8 @@ std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const C
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(calibration.model, estimate, measurements);
   std::vector<Eigen::Vector3d> result;
   result.reserve(measurements.observations.size());
-  for (const Observation& observation : measurements.observations) {
-    result.emplace_back(observation.position - predicted_point(estimate, X_BF, observation));
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    result.push_back(measured_minus_predicted(measurements, row, estimate, X_BF));
   }
   return result;
 }

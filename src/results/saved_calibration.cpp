@@ -376,7 +376,7 @@ Accuracy accuracy_of(const Node& top) {
   return result;
 }
 
-// Of several stations; "base" is that of the first.
+// Of named stations; "base" is that of the first.
 void read_stations(const Node& top, SavedCalibration& saved) {
   if (!has(top, "stations")) {
     return;
@@ -389,8 +389,8 @@ void read_stations(const Node& top, SavedCalibration& saved) {
     }
   }
   const std::set<std::string> names(saved.model.stations.begin(), saved.model.stations.end());
-  if (names.size() < 2 || names.size() != saved.model.stations.size()) {
-    fail(block, "two stations or more, with names that differ");
+  if (names.empty() || names.size() != saved.model.stations.size()) {
+    fail(block, "stations with names that differ");
   }
 }
 

@@ -59,8 +59,8 @@ std::vector<std::string> fixed_frames(const ErrorModel& model, const std::vector
   };
   const std::vector<std::string> bases = base_parameter_names(model);
   for (std::size_t i = 0; i < bases.size(); ++i) {
-    const bool is_known = model.stations.empty() ? options.known_base.has_value()
-                                                 : find_base(options.known_stations, model.stations[i / 6]) != nullptr;
+    const bool is_known =
+        options.known_base || (!model.stations.empty() && find_base(options.known_stations, model.stations[i / 6]));
     consider(bases[i], is_known, "known_base");
   }
   for (const TargetFrame& target : targets) {

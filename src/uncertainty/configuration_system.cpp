@@ -7,6 +7,7 @@
 
 #include "base/dense.hpp"
 #include "estimation/residual_options.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 
 namespace kdl_calibration {
@@ -75,6 +76,9 @@ WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std:
       if (!measurements_.orientations.empty()) {
         some.orientations.push_back(measurements_.orientations[row]);
         with_orientation = with_orientation || !is_point(measurements_.orientations[row]);
+      }
+      if (has_single_coordinates(measurements_)) {
+        some.coordinates.push_back(measurements_.coordinates[row]);
       }
       if (!residuals_.row_weights.empty()) {
         residuals.row_weights.push_back(residuals_.row_weights[row]);

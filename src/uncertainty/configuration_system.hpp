@@ -2,7 +2,7 @@
 
 // Not installed.
 
-#include <Eigen/Core>
+#include <Eigen/Dense>
 #include <cstdint>
 #include <map>
 #include <utility>
@@ -19,13 +19,21 @@ namespace kdl_calibration {
 std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> rows_by_configuration(const Measurements& measurements);
 
 /// One configuration of the whitened system: B = J_c R^-1, e_c and U of its information U^T U. The columns of U are its
-/// points' coordinates in the flange frame, so that U^-1 e_c are the residuals of its means in metres.
+/// points' coordinates in the flange frame, so that U^-1 e_c are the residuals of its means in metres. U^-1 is the
+/// pseudo-inverse if single coordinates were measured.
 struct ConfigurationSystem {
   Eigen::MatrixXd B;
   Eigen::VectorXd e;
   Eigen::MatrixXd U;
   std::vector<std::int32_t> targets;
-  std::vector<std::vector<Eigen::Index>> rows;  ///< rows of each point
+  std::vector<std::vector<Eigen::Index>> rows;  ///< of each point among the columns of U
+
+  /// U^-1 whitened, for a vector or a matrix.
+  template <class Whitened>
+  Whitened in_metres(const Whitened& whitened) const {
+    return U.rows() == U.cols() ? Whitened(U.partialPivLu().solve(whitened))
+                                : Whitened(U.completeOrthogonalDecomposition().solve(whitened));
+  }
 };
 
 /// Computes the systems of several configurations at a time. Thread-safe.

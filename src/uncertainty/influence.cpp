@@ -40,20 +40,30 @@ struct Totals {
   double points = 0.0;
 };
 
+// The columns of a point, or a basis of their range if only single coordinates of it were measured.
+MatrixXd measured_directions(const MatrixXd& U, bool is_whole) {
+  if (is_whole) {
+    return U;
+  }
+  const Eigen::ColPivHouseholderQR<MatrixXd> range(U);
+  return MatrixXd(range.householderQ()).leftCols(range.rank());
+}
+
 void add(const ConfigurationSystem& system, std::int32_t configuration, ConfigurationInfluence& entry, Totals& totals) {
   const Index m = system.e.size();
   const MatrixXd H = system.B * system.B.transpose();
   const MatrixXd rest = MatrixXd::Identity(m, m) - H;
-  const VectorXd leverages = system.U.partialPivLu().solve(MatrixXd(H * system.U)).diagonal();
+  const VectorXd leverages = system.in_metres(MatrixXd(H * system.U)).diagonal();
   entry.configuration = configuration;
   entry.leverage = H.trace();
   entry.cook = change_without(system, rest, MatrixXd::Identity(m, m));
   entry.coordinates = static_cast<int>(m);
   for (std::size_t i = 0; i < system.targets.size(); ++i) {
+    const MatrixXd G = measured_directions(system.U(Eigen::all, system.rows[i]), m == system.U.cols());
     entry.points.push_back({.target = system.targets[i],
-                            .coordinates = static_cast<int>(system.rows[i].size()),
+                            .coordinates = static_cast<int>(G.cols()),
                             .leverage = leverages(system.rows[i]).sum(),
-                            .cook = change_without(system, rest, system.U(Eigen::all, system.rows[i]))});
+                            .cook = change_without(system, rest, G)});
   }
   totals.squares += system.e.squaredNorm();
   totals.decided += entry.leverage;

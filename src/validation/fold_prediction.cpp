@@ -13,6 +13,7 @@
 #include "base/preconditions.hpp"
 #include "base/triangular_factor.hpp"
 #include "estimation/input_check.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/stations.hpp"
 #include "model/kinematics.hpp"
@@ -179,9 +180,8 @@ private:
   // Adds the configuration's points: residual after the step and covariance, in metres.
   void add_points(const ConfigurationSystem& system, Index configuration, const WithoutFold& without,
                   std::vector<HeldOutPoint>& points) const {
-    const Eigen::PartialPivLU<MatrixXd> to_metres(system.U);
-    const VectorXd left = to_metres.solve(VectorXd(system.e - system.B * without.step()));
-    const MatrixXd J = to_metres.solve(system.B);
+    const VectorXd left = system.in_metres(VectorXd(system.e - system.B * without.step()));
+    const MatrixXd J = system.in_metres(system.B);
     const Measurements& measurements = problem_.measurements;
     const auto X_BF = flange_poses(problem_.model, problem_.start, measurements.joint_values.col(configuration),
                                    column(measurements.signals, configuration));
@@ -210,6 +210,9 @@ private:
       for (const std::size_t row : rows_of_means_.at(fold[i])) {
         held_out.observations.push_back(means_.observations[row]);
         held_out.observations.back().configuration = static_cast<std::int32_t>(i);
+        if (has_single_coordinates(means_)) {
+          held_out.coordinates.push_back(means_.coordinates[row]);
+        }
       }
     }
     const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step()));

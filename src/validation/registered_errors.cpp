@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
@@ -34,7 +35,8 @@ Freedom freedom_of(const Measurements& training, const RegistrationOptions& know
   const int bases = known.known_base ? 0 : static_cast<int>(stations.size());
   return {.unknowns = 6 * bases + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
-          .coordinates = 3 * static_cast<int>(points.size()),
+          .coordinates = has_single_coordinates(training) ? coordinates_of(averaged(training))
+                                                          : 3 * static_cast<int>(points.size()),
           .configurations = static_cast<int>(configurations.size()),
           .points = static_cast<int>(targets.size())};
 }

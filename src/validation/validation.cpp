@@ -11,6 +11,7 @@
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
 #include "estimation/input_check.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/same_poses.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
@@ -70,9 +71,9 @@ std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, 
                                     const Measurements& measurements, Rows rows) {
   require_fit(X_BF, estimate, measurements);
   std::vector<double> distances;
-  for (const Observation& observation : measurements.observations) {
-    if (is_among(observation, rows)) {
-      distances.push_back((observation.position - predicted_point(estimate, X_BF, observation)).norm());
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    if (is_among(measurements.observations[row], rows)) {
+      distances.push_back(measured_minus_predicted(measurements, row, estimate, X_BF).norm());
     }
   }
   return distances;
@@ -106,7 +107,7 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   };
   std::vector<int> repeats(static_cast<std::size_t>(measurements.joint_values.cols()) * measurements.targets.size(), 0);
   for (const Observation& o : measurements.observations) {
-    repeats[cell_of(o)] += is_among(o, rows) ? 1 : 0;
+    repeats[cell_of(o)] += is_among(o, rows) && !has_single_coordinates(measurements) ? 1 : 0;
   }
   std::map<std::size_t, Eigen::Vector3d> mean_of;  // for points with repeats only
   for (const Observation& o : means.observations) {
@@ -261,9 +262,9 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means);
   RefittedFold result{
       .residuals = {}, .configurations = {}, .targets = {}, .converged = found.termination == Termination::converged};
-  for (const Observation& o : means.observations) {
-    if (is_among(o, Rows::test)) {
-      result.residuals.emplace_back(o.position - predicted_point(found.estimate, X_BF, o));
+  for (std::size_t row = 0; row < means.observations.size(); ++row) {
+    if (const Observation& o = means.observations[row]; is_among(o, Rows::test)) {
+      result.residuals.push_back(measured_minus_predicted(means, row, found.estimate, X_BF));
       result.configurations.push_back(o.configuration);
       result.targets.push_back(o.target);
     }
@@ -281,8 +282,9 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
   const std::vector<Eigen::Quaterniond>& orientations = (*training).orientations;
   for (std::size_t i = 0; i < (*training).observations.size(); ++i) {
     const bool pose = !orientations.empty() && !is_point(orientations[i]);
-    equations[static_cast<std::size_t>((*training).observations[i].configuration)] += pose ? 6 : 3;
-    all += pose ? 6 : 3;
+    const int own = pose ? 6 : coordinates_of(*training, i);
+    equations[static_cast<std::size_t>((*training).observations[i].configuration)] += own;
+    all += own;
   }
   return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
            Eigen::Index left = all;

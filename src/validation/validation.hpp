@@ -20,7 +20,8 @@ ErrorStatistics error_statistics(std::vector<double> distances);
 /// Subset of the observations.
 enum class Rows { all, train, test };
 
-/// 3D distance between measured and predicted point of each observation, in the order of the file.
+/// 3D distance between measured and predicted point of each observation, in the order of the file; of single
+/// coordinates the distance along their directions.
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows = Rows::all);
 /// The same for given flange poses, one per configuration.

@@ -293,8 +293,8 @@ TEST_F(BadMeasurements, HoldNoFiniteNumber) {
   for (const std::string value : {"nan", "inf", "-inf", "1e999", "abc", ""}) {
     write("joint.csv", kHeader + "1,A,0,0," + value + ",0,0,0,1,1,1\n");
     expect_refused({"calibrate", "--measurements", "joint.csv"}, {"joint.csv:2", "joint_3", value});
-    write("point.csv", kHeader + "1,A,0,0,0,0,0,0,1," + value + ",1\n");
-    expect_refused({"validate", "--measurements", "point.csv"}, {"point.csv:2", "y", value});
+    write("point.csv", kHeader + "1,A,0,0,0,0,0,0," + (value.empty() ? "" : "1") + "," + value + ",\n");
+    expect_refused({"validate", "--measurements", "point.csv"}, {"point.csv:2", value.empty() ? "x" : "y", value});
   }
 }
 

@@ -286,6 +286,17 @@ std::vector<OptionCase> experiment_options() {
          }
        },
        {"--targets", "1"}},
+      {"DirectionsKeepTheirCoordinates",
+       {"--directions", "xz"},
+       [](const Effect& effect) {
+         const Measurements without = rows_of(effect.without);
+         const Measurements with = rows_of(effect.with);
+         for (std::size_t i = 0; i < with.observations.size(); ++i) {
+           const Eigen::Vector3d& whole = without.observations[i].position;
+           EXPECT_EQ(with.observations[i].position, Eigen::Vector3d(whole.x(), 0.0, whole.z())) << i;
+           EXPECT_EQ(with.coordinates.at(i).directions, Eigen::Matrix3d(Eigen::Vector3d(1.0, 0.0, 1.0).asDiagonal()));
+         }
+       }},
       {"PosesHaveOrientations",
        {"--poses"},
        [](const Effect& effect) {

@@ -159,6 +159,121 @@ TEST(StationLeastSquares, AFitOfAllStationsIsExact) {
   }
 }
 
+// ---- Single coordinates --------------------------------------------------------------------------------------------
+
+// The coordinates of all rows along the columns of R, a row for each.
+Measurements along(const Measurements& points, const Eigen::Matrix3Xd& R) {
+  Measurements result = points;
+  result.observations.clear();
+  for (const Observation& observation : points.observations) {
+    for (const auto& n : R.colwise()) {
+      result.coordinates.push_back({.directions = n * n.transpose()});
+      result.observations.push_back(observation);
+      result.observations.back().position = result.coordinates.back().directions * observation.position;
+    }
+  }
+  return result;
+}
+
+// A height has three numbers of the plane in the base frame: three of the six directions of each base stay open.
+TEST(SingleCoordinateRegistration, FindsTargetsAndPlanesFromHeights) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    MovedTracker experiment(seed, 45);
+    const Registration found = experiment.registered(along(experiment.measured(), Eigen::Vector3d::UnitZ()));
+    EXPECT_LT(found.rms, 1e-9) << seed;
+    EXPECT_EQ(found.open, 3 * 3) << seed;
+    for (std::size_t s = 0; s < 3; ++s) {
+      const Eigen::Isometry3d& truth = experiment.robot.truth.base(s);
+      EXPECT_LT((found.base(s).linear().row(2) - truth.linear().row(2)).norm(), 1e-8) << seed;
+      EXPECT_NEAR(found.base(s).translation().z(), truth.translation().z(), 1e-8) << seed;
+    }
+    for (std::size_t k = 0; k < 3; ++k) {
+      EXPECT_LT((found.targets[k].X_FT.translation() - experiment.robot.truth.targets[k].X_FT.translation()).norm(),
+                1e-8)
+          << seed;
+    }
+  }
+}
+
+TEST(SingleCoordinateLeastSquares, ThreeOfAPointAreItsEquations) {
+  MovedTracker experiment(4, 12);
+  const Measurements points = experiment.measured(1e-3);
+  const Eigen::Matrix3d R = Eigen::Quaterniond(0.5, -0.1, 0.7, 0.3).normalized().toRotationMatrix();
+  const Unknowns free = unknowns(experiment);
+  const Estimate estimate = nearby(experiment);
+  const LeastSquaresProblem of_points(experiment.model, points, free);
+  const LeastSquaresProblem of_rows(experiment.model, along(points, R), free);
+  EXPECT_EQ(of_points.equations(), of_rows.equations());
+  const NormalEquations one = of_points.linearise(estimate);
+  const NormalEquations other = of_rows.linearise(estimate);
+  EXPECT_LT((one.hessian - other.hessian).norm(), 1e-10 * one.hessian.norm());
+  EXPECT_LT((one.gradient - other.gradient).norm(), 1e-10 * one.gradient.norm());
+  EXPECT_NEAR(one.cost, other.cost, 1e-10 * one.cost);
+}
+
+// Two repeats of two coordinates each: the cost is the sum of squares of all rows, and the whitened system has a row
+// for each direction.
+TEST(SingleCoordinateLeastSquares, CostAndRowsAreThoseOfTheCoordinates) {
+  MovedTracker experiment(5, 12);
+  Eigen::Matrix<double, 3, 2> R;
+  R << 1.0, 0.6, 0.0, 0.0, 0.0, 0.8;
+  const Measurements rows =
+      along(measure(experiment.robot, experiment.q, {.sigma = 1e-3, .repeats = 2}, experiment.random), R);
+  const Estimate estimate = nearby(experiment);
+  const LeastSquaresProblem problem(experiment.model, rows, unknowns(experiment));
+  double cost = 0.0;
+  for (std::size_t row = 0; row < rows.observations.size(); ++row) {
+    const auto X_BF = flange_poses(experiment.model, estimate, rows);
+    cost += measured_minus_predicted(rows, row, estimate, X_BF).squaredNorm() / 1e-6;
+  }
+  EXPECT_NEAR(problem.cost(estimate), cost, 1e-9 * cost);
+  EXPECT_EQ(problem.equations(), 12 * 3 * 2 * 2);
+  const WhitenedSystem system = problem.whitened(estimate);
+  EXPECT_EQ(system.residual.size(), 12 * 3 * 2);
+  const NormalEquations equations = problem.linearise(estimate);
+  EXPECT_LT((equations.hessian - system.jacobian.transpose() * system.jacobian).norm(),
+            1e-10 * equations.hessian.norm());
+  EXPECT_LT((equations.gradient - system.jacobian.transpose() * system.residual).norm(),
+            1e-10 * equations.gradient.norm());
+}
+
+// Two repeats of each distance from the station's origin: the cost is the sum of squares of the differences, and half
+// the derivative of the cost is the gradient.
+TEST(DistanceLeastSquares, CostAndGradientAreThoseOfTheDistances) {
+  MovedTracker experiment(6, 12);
+  Measurements rows = measure(experiment.robot, experiment.q, {.sigma = 1e-3, .repeats = 2}, experiment.random);
+  for (Observation& observation : rows.observations) {
+    rows.coordinates.push_back({.distance = observation.position.norm()});
+    observation.position.setZero();
+  }
+  const Estimate estimate = nearby(experiment);
+  const Unknowns free = unknowns(experiment);
+  const LeastSquaresProblem problem(experiment.model, rows, free);
+  const auto cost = [&](const Estimate& at) {
+    const auto X_BF = flange_poses(experiment.model, at, rows);
+    double sum = 0.0;
+    for (std::size_t row = 0; row < rows.observations.size(); ++row) {
+      const double difference =
+          rows.coordinates[row].distance - predicted_point(at, X_BF, rows.observations[row]).norm();
+      sum += difference * difference / 1e-6;
+    }
+    return sum;
+  };
+  EXPECT_NEAR(problem.cost(estimate), cost(estimate), 1e-9 * cost(estimate));
+  EXPECT_EQ(problem.equations(), 12 * 3 * 2);
+  const NormalEquations equations = problem.linearise(estimate);
+  constexpr double kStep = 1e-6;
+  for (Index column = 0; column < free.size(); ++column) {
+    const VectorXd step = kStep * VectorXd::Unit(free.size(), column);
+    const double slope = (cost(free.moved(estimate, -step)) - cost(free.moved(estimate, step))) / (2.0 * kStep);
+    EXPECT_NEAR(equations.gradient[column], 0.5 * slope, 1e-6 * equations.gradient.norm()) << column;
+  }
+  const WhitenedSystem system = problem.whitened(estimate);
+  EXPECT_EQ(system.residual.size(), 12 * 3);
+  EXPECT_LT((equations.hessian - system.jacobian.transpose() * system.jacobian).norm(),
+            1e-10 * equations.hessian.norm());
+}
+
 TEST(StationLeastSquares, AnEstimateOfOneStationIsRefused) {
   MovedTracker experiment(1);
   Estimate one = experiment.robot.truth;

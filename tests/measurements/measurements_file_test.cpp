@@ -66,7 +66,8 @@ TEST(MeasurementsHeader, ColumnsThatAreNoLengthHaveNoUnit) {
 
 TEST(MeasurementsHeader, EveryMissingColumnIsNamedWithAllThatAreExpected) {
   const std::string rest =
-      ": expected configuration, target, x, y, z and the joints a, b, optionally split, repeat, order, sigma, station, "
+      ": expected configuration, target, x, y, z (or n_x, n_y, n_z, along; or distance) and the joints a, b, "
+      "optionally split, repeat, order, sigma, station, "
       "tau_<joint>, an orientation (qw, qx, qy, qz; rx, ry, rz; roll, pitch, yaw; A, B, C; W, P, R) (an orientation's "
       "columns together)";
   EXPECT_EQ(fault("repeat\n"), "m.csv:1: missing columns configuration, target, x, y, z, a, b" + rest);
@@ -244,7 +245,7 @@ TEST(Configurations, MayNameTheirTargetsAndLeaveTheirPointsOpen) {
   EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(0.005, 0.0, 7.0));
   EXPECT_EQ(m.observations[2].position, Eigen::Vector3d::Zero());
   EXPECT_EQ(m.observations[2].target, 1);
-  EXPECT_THAT(fault("configuration,target,a,b,x,y,z\nc,A,1,2,5,,7\n"), StartsWith("m.csv:2: y '' is empty"));
+  EXPECT_THAT(fault("configuration,target,a,b,x,y,z\nc,A,1,2,,,\n"), StartsWith("m.csv:2: x '' is empty"));
 }
 
 TEST(Configurations, OfAFileAreThoseOfItsText) {

@@ -1,0 +1,86 @@
+#pragma once
+
+// Rows that hold single coordinates or a distance instead of a whole point. Not installed.
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+/// Whether some row is no whole point.
+inline bool has_single_coordinates(const Measurements& measurements) { return !measurements.coordinates.empty(); }
+
+inline MeasuredCoordinates coordinates_at(const Measurements& measurements, std::size_t row) {
+  return has_single_coordinates(measurements) ? measurements.coordinates[row] : MeasuredCoordinates();
+}
+
+/// The distance that a row measures [m]; 0 if none.
+inline double distance_at(const Measurements& measurements, std::size_t row) {
+  return has_single_coordinates(measurements) ? measurements.coordinates[row].distance : 0.0;
+}
+
+/// The unit vector from an anchor to a point; any if they are the same.
+inline Eigen::Vector3d from_anchor(const Eigen::Vector3d& anchor, const Eigen::Vector3d& point) {
+  const double distance = (point - anchor).norm();
+  return distance > 0.0 ? Eigen::Vector3d((point - anchor) / distance) : Eigen::Vector3d::UnitX();
+}
+
+/// The projector P onto the measured directions of a row whose point is predicted at f in W.
+inline Eigen::Matrix3d directions_at(const Measurements& measurements, std::size_t row, const Eigen::Vector3d& f) {
+  const MeasuredCoordinates measured = coordinates_at(measurements, row);
+  const Eigen::Vector3d n = from_anchor(measurements.observations[row].position, f);
+  return measured.distance > 0.0 ? Eigen::Matrix3d(n * n.transpose()) : measured.directions;
+}
+
+/// Measured minus predicted [m]: P (z - f), or n (d - |f - a|) for the distance d of f from the anchor a.
+inline Eigen::Vector3d difference_at(const Measurements& measurements, std::size_t row, const Eigen::Vector3d& f) {
+  const Eigen::Vector3d& z = measurements.observations[row].position;
+  const MeasuredCoordinates measured = coordinates_at(measurements, row);
+  if (measured.distance > 0.0) {
+    return (measured.distance - (f - z).norm()) * from_anchor(z, f);
+  }
+  return has_single_coordinates(measurements) ? Eigen::Vector3d(measured.directions * (z - f)) : Eigen::Vector3d(z - f);
+}
+
+/// Number of measured coordinates of a row: 1, 2 or 3.
+inline int coordinates_of(const MeasuredCoordinates& measured) {
+  return measured.distance > 0.0 ? 1 : static_cast<int>(std::lround(measured.directions.trace()));
+}
+inline int coordinates_of(const Measurements& measurements, std::size_t row) {
+  return coordinates_of(coordinates_at(measurements, row));
+}
+inline int coordinates_of(const Measurements& measurements) {
+  int sum = 0;
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    sum += coordinates_of(measurements, row);
+  }
+  return sum;
+}
+
+inline std::size_t rows_of_single_coordinates(const Measurements& measurements) {
+  return static_cast<std::size_t>(
+      std::count_if(measurements.coordinates.begin(), measurements.coordinates.end(),
+                    [](const MeasuredCoordinates& measured) { return coordinates_of(measured) < 3; }));
+}
+
+/// R of information = R R^T, a sum of weighted projectors: one column for each direction that it determines.
+inline Eigen::Matrix3Xd root_of_directions(const Eigen::Matrix3d& information) {
+  constexpr double kNothing = 1e-12;  // of the largest eigenvalue
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spectrum(information);
+  const Eigen::Index count = (spectrum.eigenvalues().array() > kNothing * spectrum.eigenvalues()[2]).count();
+  return spectrum.eigenvectors().rightCols(count) * spectrum.eigenvalues().tail(count).cwiseSqrt().asDiagonal();
+}
+
+/// The projector onto these directions, and the pseudo-inverse of R R^T.
+inline Eigen::Matrix3d projector(const Eigen::Matrix3Xd& R) {
+  return R * R.colwise().squaredNorm().cwiseInverse().asDiagonal() * R.transpose();
+}
+inline Eigen::Matrix3d pseudo_inverse(const Eigen::Matrix3Xd& R) {
+  return R * R.colwise().squaredNorm().cwiseAbs2().cwiseInverse().asDiagonal() * R.transpose();
+}
+
+}  // namespace kdl_calibration
