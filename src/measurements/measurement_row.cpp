@@ -174,7 +174,9 @@ std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::distance_from_anchor() cons
   Eigen::Vector3d anchor = Eigen::Vector3d::Zero();
   const auto is_given = [&](const Column& column) { return has(column); };
   if (std::any_of(header_.position.begin(), header_.position.end(), is_given)) {
-    anchor << number(header_.position[0]), number(header_.position[1]), number(header_.position[2]);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      anchor[static_cast<Eigen::Index>(axis)] = number(header_.position[axis]);
+    }
   }
   return {anchor, {.distance = distance}};
 }
