@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "calibration/parameter_estimates.hpp"
-#include "effects/arm_kinematics.hpp"
 #include "estimation/least_squares.hpp"
+#include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/result_file.hpp"
@@ -30,24 +30,11 @@ using Eigen::Matrix3d;
 using Eigen::Matrix3Xd;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
+using testing::bundled_robot;
 using ::testing::Contains;
+using testing::geometry_alone;
 using ::testing::HasSubstr;
 using testing::refusal;
-
-const Robot& fanuc() {
-  static const Robot robot = testing::fanuc();
-  return robot;
-}
-
-// A fit of the geometry with equal weights.
-CalibrationOptions plain() {
-  return {.priors = {.automatic = false},
-          .effects = {.groups = {}, .automatic = false},
-          .noise = {.weights = Weights::equal},
-          .validation = {.held_out = false},
-          .diagnosis = {.try_readings = false},
-          .threads = 1};
-}
 
 // The coordinates along these directions only.
 Measurements along(Measurements measurements, const Matrix3d& P) {
@@ -85,25 +72,10 @@ Measurements in_three_rows(const Measurements& points, Random& random) {
   return result;
 }
 
-// Points of the targets in the base frame.
-Matrix3Xd points(const ErrorModel& model, const Estimate& estimate, const MatrixXd& q) {
-  const ArmKinematics arm(model, estimate.errors, estimate.effects);
-  Matrix3Xd result(3, q.cols() * static_cast<Index>(estimate.targets.size()));
-  Index column = 0;
-  for (Index c = 0; c < q.cols(); ++c) {
-    for (const TargetFrame& target : estimate.targets) {
-      result.col(column++) = arm.flange_pose(q.col(c)) * target.X_FT.translation();
-    }
-  }
-  return result;
-}
-
-// The largest distance from the true points after the best rigid motion, the gauge of the base.
 double distance_up_to_gauge(const Calibration& found, const VirtualRobot& robot, const MatrixXd& q) {
-  const Matrix3Xd truth = points(robot.model, robot.truth, q);
-  const Matrix3Xd own = points(found.parts().model, found.parts().estimate, q);
-  const Eigen::Matrix4d motion = Eigen::umeyama(own, truth, false);
-  return ((motion * own.colwise().homogeneous()).topRows<3>() - truth).colwise().norm().maxCoeff();
+  const CalibrationParts& parts = found.parts();
+  return testing::distance_up_to_gauge(testing::points(parts.model, parts.estimate, q),
+                                       testing::points(robot.model, robot.truth, q));
 }
 
 // Heights of three targets above four planes that are tilted against each other.
@@ -159,8 +131,8 @@ TEST(SingleCoordinates, ThreeRowsOfAPointAreThePoint) {
   testing::VirtualExperiment experiment;
   const Measurements whole = testing::without_sigmas(experiment.measure(20, {.sigma = 3e-5}));
   const Measurements rows = in_three_rows(whole, experiment.random);
-  const Calibration one = calibrate(fanuc(), whole, plain());
-  const Calibration other = calibrate(fanuc(), rows, plain());
+  const Calibration one = calibrate(bundled_robot(), whole, geometry_alone());
+  const Calibration other = calibrate(bundled_robot(), rows, geometry_alone());
   ASSERT_EQ(one.estimated().size(), other.estimated().size());
   EXPECT_EQ(one.verdict(), other.verdict());
   const Estimate& a = one.parts().estimate;
@@ -179,7 +151,7 @@ TEST(SingleCoordinates, ThreeRowsOfAPointAreThePoint) {
 TEST(SingleCoordinates, HeightsAboveFourPlanesAreExactWithoutNoise) {
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
     Heights experiment(seed);
-    const Calibration found = calibrate(fanuc(), experiment.measured(80), plain());
+    const Calibration found = calibrate(bundled_robot(), experiment.measured(80), geometry_alone());
     EXPECT_TRUE(found.trusted()) << seed;
     EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6U + 4U * 3U);
     EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9) << seed;
@@ -197,12 +169,12 @@ TEST(SingleCoordinates, TouchesOfFourPlanesLeaveTheScale) {
   experiment.robot.truth.errors[static_cast<Index>(parameter_index(experiment.model, "Tz2"))] = 0.0;
   const Measurements measurements = experiment.touched(4, 80);
   const std::size_t all = experiment.reduction.kept.size() - 6U + 4U * 3U;
-  const Calibration open = calibrate(fanuc(), measurements, plain());
+  const Calibration open = calibrate(bundled_robot(), measurements, geometry_alone());
   EXPECT_EQ(open.estimated().size(), all - 1U);
   EXPECT_EQ(open.verdict(), Verdict::not_trusted);
-  CalibrationOptions options = plain();
+  CalibrationOptions options = geometry_alone();
   options.parameters.fix = {"Tz2"};
-  const Calibration found = calibrate(fanuc(), measurements, options);
+  const Calibration found = calibrate(bundled_robot(), measurements, options);
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), all - 1U);
   EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
@@ -218,7 +190,7 @@ TEST(SingleCoordinates, HelpFewWholePoints) {
       mixed.coordinates[row].directions.setIdentity();
     }
   }
-  const Calibration found = calibrate(fanuc(), mixed, plain());
+  const Calibration found = calibrate(bundled_robot(), mixed, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 3U * 3U);
   EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
@@ -230,7 +202,7 @@ TEST(DistancesFromAnchors, FromUnknownAnchorsAreExactWithoutNoise) {
   for (const int anchors : {1, 2, 3}) {
     for (const std::uint64_t seed : {1U, 2U, 3U, 4U, 5U}) {
       Distances experiment(seed);
-      const Calibration found = calibrate(fanuc(), experiment.measured(anchors, false, 80), plain());
+      const Calibration found = calibrate(bundled_robot(), experiment.measured(anchors, false, 80), geometry_alone());
       EXPECT_TRUE(found.trusted()) << anchors << seed;
       EXPECT_EQ(static_cast<int>(found.estimated().size()),
                 static_cast<int>(experiment.reduction.kept.size()) - 6 + 3 * anchors);
@@ -242,7 +214,7 @@ TEST(DistancesFromAnchors, FromUnknownAnchorsAreExactWithoutNoise) {
 TEST(DistancesFromAnchors, FromKnownAnchorsAreExactWithTheBase) {
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
     Distances experiment(seed);
-    const Calibration found = calibrate(fanuc(), experiment.measured(3, true, 80), plain());
+    const Calibration found = calibrate(bundled_robot(), experiment.measured(3, true, 80), geometry_alone());
     EXPECT_TRUE(found.trusted()) << seed;
     EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size());
     const Estimate& estimate = found.parts().estimate;
@@ -262,7 +234,7 @@ TEST(DistancesFromAnchors, HelpFewWholePoints) {
   for (Observation& observation : mixed.observations) {
     observation.station = 1;
   }
-  const Calibration found = calibrate(fanuc(), joined(points, mixed), plain());
+  const Calibration found = calibrate(bundled_robot(), joined(points, mixed), geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 3U);
   EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
@@ -277,7 +249,7 @@ TEST(DistancesFromAnchors, UnderTheRobotAreNotTrusted) {
     measurements.coordinates.push_back({.distance = observation.position.norm()});
     observation.position.setZero();
   }
-  const Calibration found = calibrate(fanuc(), measurements);
+  const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_EQ(found.verdict(), Verdict::not_trusted);
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2.0 * kNoise);
 }
@@ -285,9 +257,9 @@ TEST(DistancesFromAnchors, UnderTheRobotAreNotTrusted) {
 TEST(DistancesFromAnchors, ABlunderIsNamed) {
   Distances experiment(9);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);
-  EXPECT_TRUE(calibrate(fanuc(), measurements).trusted());
+  EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
   measurements.coordinates[60].distance += 0.01;
-  const Calibration found = calibrate(fanuc(), measurements);
+  const Calibration found = calibrate(bundled_robot(), measurements);
   ASSERT_FALSE(found.doubts().empty());
   EXPECT_THAT(found.doubts().front().message, HasSubstr("--exclude '" + measurements.configurations[20] + ":A'"));
 }
@@ -295,13 +267,13 @@ TEST(DistancesFromAnchors, ABlunderIsNamed) {
 TEST(DistancesFromAnchors, AreLeftOutSavedAndValidated) {
   Distances experiment(7);
   const Measurements measurements = experiment.measured(3, true, 60, 3e-5);
-  const Calibration found = calibrate(fanuc(), measurements);
+  const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_TRUE(found.trusted());
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 6e-5);
   EXPECT_THAT(found.warnings(), Contains(HasSubstr("180 of 180 rows are single coordinates or distances")));
   const Measurements fresh = experiment.measured(3, true, 20, 3e-5);
   EXPECT_LT(validate(found, fresh).all.rms, 6e-5);
-  EXPECT_GT(validate(fanuc(), fresh).all.rms, 3e-4);
+  EXPECT_GT(validate(bundled_robot(), fresh).all.rms, 3e-4);
 }
 
 // ---- The whole calibration -----------------------------------------------------------------------------------------
@@ -312,26 +284,26 @@ TEST(SingleCoordinates, AutomaticChoicesAndLeftOutRowsWork) {
   for (Observation& observation : measurements.observations) {
     observation.split = observation.configuration % 10 == 9 ? Split::test : Split::train;
   }
-  const Calibration found = calibrate(fanuc(), measurements);
+  const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_TRUE(found.trusted());
   ASSERT_TRUE(found.accuracy().leave_one_out);
   EXPECT_GT(found.accuracy().leave_one_out->before.rms, 5e-4);
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 6e-5);
   EXPECT_LT(found.accuracy().test->after.rms, 6e-5);
-  CalibrationOptions folds = plain();
+  CalibrationOptions folds = geometry_alone();
   folds.validation = {.k_fold = 4};
-  EXPECT_LT(calibrate(fanuc(), measurements, folds).accuracy().k_fold->after.rms, 8e-5);
+  EXPECT_LT(calibrate(bundled_robot(), measurements, folds).accuracy().k_fold->after.rms, 8e-5);
 }
 
 TEST(SingleCoordinates, ASavedResultPredictsTheSameAndIsValidated) {
   testing::VirtualExperiment experiment;
   Measurements measurements =
       along(testing::without_sigmas(experiment.measure(40, {.sigma = 3e-5})), Vector3d(1.0, 0.0, 1.0).asDiagonal());
-  const Calibration found = calibrate(fanuc(), measurements, plain());
+  const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
   const std::filesystem::path file =
       std::filesystem::temp_directory_path() / "kdl_calibration_single_coordinates_test.json";
-  write_result(file, fanuc(), measurements, found);
-  const Calibration again = load_calibration(file, fanuc());
+  write_result(file, bundled_robot(), measurements, found);
+  const Calibration again = load_calibration(file, bundled_robot());
   std::filesystem::remove(file);
   const Eigen::VectorXd q = experiment.configurations(1).col(0);
   const PredictedPoint one = found.arm().predict(q, "B");
@@ -340,16 +312,16 @@ TEST(SingleCoordinates, ASavedResultPredictsTheSameAndIsValidated) {
   EXPECT_NEAR(one.radius_95, other.radius_95, 1e-12);
   const Measurements fresh = along(testing::without_sigmas(experiment.measure(20, {.sigma = 3e-5})), kHeight);
   EXPECT_LT(validate(again, fresh).all.rms, 6e-5);
-  EXPECT_GT(validate(fanuc(), fresh).all.rms, 3e-4);
+  EXPECT_GT(validate(bundled_robot(), fresh).all.rms, 3e-4);
 }
 
 TEST(SingleCoordinates, WhatNeedsWholePointsIsRefused) {
   Heights experiment;
   const Measurements measurements = experiment.measured(60, 3e-5);
   const auto refused = [&](const auto& change) {
-    CalibrationOptions options = plain();
+    CalibrationOptions options = geometry_alone();
     change(options);
-    return refusal([&] { return calibrate(fanuc(), measurements, options); });
+    return refusal([&] { return calibrate(bundled_robot(), measurements, options); });
   };
   EXPECT_THAT(refused([](CalibrationOptions& o) { o.estimator.method = Method::two_step; }),
               HasSubstr("the two-step procedure fits whole points"));
@@ -377,7 +349,7 @@ void expect_coverage_and_efficiency(testing::VirtualExperiment& experiment, Meas
   for (std::uint64_t run = 0; run < 300; ++run) {
     experiment.restart(Random(13, run));
     const Measurements measurements = measure();
-    const Calibration found = calibrate(fanuc(), measurements, plain());
+    const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
     ResidualOptions residuals;
     residuals.noise.independent.setConstant(kNoise);
     const CalibrationParts& parts = found.parts();

@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "calibration/parameter_estimates.hpp"
-#include "effects/arm_kinematics.hpp"
 #include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
@@ -31,30 +30,12 @@ using Eigen::Matrix3Xd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::bundled_robot;
+using testing::distance_up_to_gauge;
 using ::testing::ElementsAre;
 using testing::geometry_alone;
 using ::testing::HasSubstr;
+using testing::points;
 using testing::refusal;
-
-// Points of the targets in the base frame at fresh configurations.
-Matrix3Xd points(const ErrorModel& model, const Estimate& estimate, const MatrixXd& q) {
-  const ArmKinematics arm(model, estimate.errors, estimate.effects);
-  Matrix3Xd result(3, q.cols() * static_cast<Index>(estimate.targets.size()));
-  Index column = 0;
-  for (Index c = 0; c < q.cols(); ++c) {
-    for (const TargetFrame& target : estimate.targets) {
-      result.col(column++) = arm.flange_pose(q.col(c)) * target.X_FT.translation();
-    }
-  }
-  return result;
-}
-
-// The largest distance of the found points from the true ones after the best rigid motion: what is left of the base's
-// gauge is such a motion, what is left of the targets' does not move the points.
-double distance_up_to_gauge(const Matrix3Xd& found, const Matrix3Xd& truth) {
-  const Eigen::Matrix4d motion = Eigen::umeyama(found, truth, false);
-  return ((motion * found.colwise().homogeneous()).topRows<3>() - truth).colwise().norm().maxCoeff();
-}
 
 struct Tracker : testing::VirtualExperiment {
   explicit Tracker(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
