@@ -215,8 +215,9 @@ Doubts of_lengths(const CalibrationResult& found, const Measurements& measuremen
   if (doubts.empty() && open.count > 0 && open.rms > kMostOpen * found.noise.sigma && open.rms > kSmallest) {
     doubts.push_back({.cause = Cause::not_determined,
                       .message = fmt::format(
-                          "the lengths that were measured agree, but leave {} (1 sigma) open at the measured "
-                          "configurations; measure along other directions, or from more anchors, beside the robot",
+                          "the coordinates or distances agree with the fit, but the whole points are uncertain by {} "
+                          "(1 sigma) even at the measured configurations; measure along other directions, or from more "
+                          "anchors beside the robot",
                           in_millimetres(open.rms))});
   }
   return doubts;
