@@ -1,7 +1,6 @@
 #include "calibration/calibrate.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <optional>
 #include <utility>
@@ -142,15 +141,6 @@ std::optional<ContinuedResult> continued(FitProblem& rigid, const CalibrationSet
   return result;
 }
 
-// As noise_of_means, for single coordinates.
-NoiseModel noise_of_coordinates(const Measurements& training, NoiseModel noise, double sigma) {
-  if (!noise_is_stated(training, noise)) {
-    const double repeats = static_cast<double>(coordinates_of(training)) / coordinates_of(averaged(training));
-    noise.independent.setConstant(sigma * std::sqrt(repeats));
-  }
-  return noise;
-}
-
 // The problem with the selected effects (in `model`) and priors. Weights from the residuals of geometry alone would
 // hold effects near zero.
 FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, const ModelSelection& selection,
@@ -166,9 +156,7 @@ FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, co
   if (selection.continued) {
     residuals.earlier = selection.continued->prior;
   } else if (!model.effects.empty()) {
-    residuals.noise = has_single_coordinates(rigid.measurements)
-                          ? noise_of_coordinates(rigid.measurements, noise.stated, selection.noise)
-                          : noise_of_means(rigid.measurements, noise, selection.noise);
+    residuals.noise = noise_of_means(rigid.measurements, noise, selection.noise);
   }
   return problem;
 }

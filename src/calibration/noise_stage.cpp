@@ -11,6 +11,7 @@
 #include "calibration/noise_report.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/directions.hpp"
 #include "model/kinematics.hpp"
 #include "validation/fold_prediction.hpp"
 #include "validation/validation.hpp"
@@ -175,13 +176,12 @@ NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehan
   NoiseModel noise = beforehand.stated;
   double variance = 0.0;
   double rows = 0.0;
-  std::set<std::pair<std::int32_t, std::int32_t>> means;
   for (const Observation& observation : measurements.observations) {
     variance += (point_covariance(noise, observation).trace() + noise.common.squaredNorm()) / 3.0;
-    means.emplace(observation.configuration, observation.target);
     rows += 1.0;
   }
-  const double repeats = rows / std::max(static_cast<double>(means.size()), 1.0);
+  const int means = coordinates_of(averaged(measurements));
+  const double repeats = static_cast<double>(coordinates_of(measurements)) / std::max(means, 1);
   if (!noise_is_stated(measurements, noise)) {
     noise.independent.setConstant(sigma * std::sqrt(repeats));
     return noise;

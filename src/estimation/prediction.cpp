@@ -39,6 +39,17 @@ Vector3d measured_minus_predicted(const Measurements& measurements, std::size_t 
   return difference_at(measurements, row, predicted_point(estimate, X_BF, measurements.observations[row]));
 }
 
+std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& estimate,
+                                   const Measurements& measurements) {
+  const std::vector<Isometry3d> X_BF = flange_poses(model, estimate, measurements);
+  std::vector<Vector3d> result;
+  result.reserve(measurements.observations.size());
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    result.push_back(measured_minus_predicted(measurements, row, estimate, X_BF));
+  }
+  return result;
+}
+
 ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term) {
   require_index("the joint of an effect", term.index, model.joints.size());
   ParameterTwist twist;

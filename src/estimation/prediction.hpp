@@ -29,6 +29,10 @@ Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eige
 Eigen::Vector3d measured_minus_predicted(const Measurements& measurements, std::size_t row, const Estimate& estimate,
                                          const std::vector<Eigen::Isometry3d>& X_BF);
 
+/// The same for each row.
+std::vector<Eigen::Vector3d> residuals_of(const ErrorModel& model, const Estimate& estimate,
+                                          const Measurements& measurements);
+
 /// Twist of a term's column per unit of the joint's motion; the caller multiplies it by basis(q).
 ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term);
 /// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects as effect_twist().

@@ -185,16 +185,14 @@ private:
   std::size_t bases_ = 0;
 };
 
-// X_WB from the distances of the training rows: the centre c in B of the sphere about each anchor a, with the targets
+// X_WB from training rows that are all distances: the centre c in B of the sphere about each anchor a, with the targets
 // as they are known or at the flange, |p - c|^2 = d^2 or 2 p c - |c|^2 = |p|^2 - d^2; then the motion from all c to a.
 Isometry3d base_from_distances(const std::vector<Isometry3d>& X_BF, const Measurements& training,
                                const std::vector<TargetFrame>& targets) {
   std::map<std::array<double, 3>, std::vector<std::size_t>> of_anchor;
   for (std::size_t row = 0; row < training.observations.size(); ++row) {
-    if (distance_at(training, row) > 0.0) {
-      const Vector3d& a = training.observations[row].position;
-      of_anchor[{a.x(), a.y(), a.z()}].push_back(row);
-    }
+    const Vector3d& a = training.observations[row].position;
+    of_anchor[{a.x(), a.y(), a.z()}].push_back(row);
   }
   Eigen::Matrix3Xd in_base(3, of_anchor.size());
   Eigen::Matrix3Xd in_world(3, of_anchor.size());
@@ -208,7 +206,7 @@ Isometry3d base_from_distances(const std::vector<Isometry3d>& X_BF, const Measur
                          targets[static_cast<std::size_t>(o.target)].X_FT.translation();
       const auto k = static_cast<Index>(i);
       A.row(k) << 2.0 * p.transpose(), -1.0;
-      b[k] = p.squaredNorm() - std::pow(distance_at(training, rows[i]), 2);
+      b[k] = p.squaredNorm() - std::pow(training.coordinates[rows[i]].distance, 2);
     }
     in_base.col(anchor) = A.completeOrthogonalDecomposition().solve(b).head<3>();
     in_world.col(anchor++) = Vector3d(position[0], position[1], position[2]);

@@ -18,11 +18,6 @@ inline MeasuredCoordinates coordinates_at(const Measurements& measurements, std:
   return has_single_coordinates(measurements) ? measurements.coordinates[row] : MeasuredCoordinates();
 }
 
-/// The distance that a row measures [m]; 0 if none.
-inline double distance_at(const Measurements& measurements, std::size_t row) {
-  return has_single_coordinates(measurements) ? measurements.coordinates[row].distance : 0.0;
-}
-
 /// The unit vector from an anchor to a point; any if they are the same.
 inline Eigen::Vector3d from_anchor(const Eigen::Vector3d& anchor, const Eigen::Vector3d& point) {
   const double distance = (point - anchor).norm();
@@ -39,11 +34,12 @@ inline Eigen::Matrix3d directions_at(const Measurements& measurements, std::size
 /// Measured minus predicted [m]: P (z - f), or n (d - |f - a|) for the distance d of f from the anchor a.
 inline Eigen::Vector3d difference_at(const Measurements& measurements, std::size_t row, const Eigen::Vector3d& f) {
   const Eigen::Vector3d& z = measurements.observations[row].position;
-  const MeasuredCoordinates measured = coordinates_at(measurements, row);
-  if (measured.distance > 0.0) {
-    return (measured.distance - (f - z).norm()) * from_anchor(z, f);
+  if (!has_single_coordinates(measurements)) {
+    return z - f;
   }
-  return has_single_coordinates(measurements) ? Eigen::Vector3d(measured.directions * (z - f)) : Eigen::Vector3d(z - f);
+  const MeasuredCoordinates& measured = measurements.coordinates[row];
+  return measured.distance > 0.0 ? Eigen::Vector3d((measured.distance - (f - z).norm()) * from_anchor(z, f))
+                                 : Eigen::Vector3d(measured.directions * (z - f));
 }
 
 /// Number of measured coordinates of a row: 1, 2 or 3.

@@ -18,7 +18,6 @@
 #include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/stations.hpp"
-#include "measurements/training_rows.hpp"
 #include "model/error_chains.hpp"
 #include "robot/link_shapes.hpp"
 #include "robot/mimic.hpp"
@@ -100,17 +99,6 @@ Json shapes_json(const Robot& robot) {
     return Json::array();
   }
   return shapes;
-}
-
-std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& estimate,
-                                   const Measurements& measurements) {
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
-  std::vector<Vector3d> result;
-  result.reserve(measurements.observations.size());
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    result.push_back(measured_minus_predicted(measurements, row, estimate, X_BF));
-  }
-  return result;
 }
 
 // The measured points [m] in W. Coordinates that were not measured are those of the predicted point.
@@ -201,18 +189,22 @@ Json of_controller(const JointConvention& convention, const std::vector<MovingJo
 
 // Measured region for which the page states accuracy: joint ranges, and the box of the measured points parallel to the
 // base axes. From the fitted rows, or all rows if none was fitted.
-void add_reach(const ReportedMeasurements& reported, const Eigen::MatrixXd& joint_values, Json& result) {
+void add_reach(const ReportedMeasurements& reported, const std::vector<Vector3d>& measured,
+               const Eigen::MatrixXd& joint_values, Json& result) {
   const Estimate& estimate = reported.estimate;
   const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
-  const TrainingRows training(reported.measurements);
-  const Measurements& spanned = (*training).observations.empty() ? reported.measurements : *training;
-  const std::vector<Vector3d> points = shown_points(reported.model, estimate, spanned);
+  const std::vector<Observation>& rows = reported.measurements.observations;
+  const auto is_fitted = [](const Observation& observation) { return observation.split == Split::train; };
+  const bool any_fitted = std::any_of(rows.begin(), rows.end(), is_fitted);
   Eigen::AlignedBox3d box;
   Eigen::VectorXd lower = Eigen::VectorXd::Constant(joint_values.rows(), kInfinity);
   Eigen::VectorXd upper = -lower;
-  for (std::size_t row = 0; row < points.size(); ++row) {
-    const Observation& observation = spanned.observations[row];
-    box.extend(X_BW * (to_first_station(estimate, observation) * points[row]));
+  for (std::size_t row = 0; row < rows.size(); ++row) {
+    const Observation& observation = rows[row];
+    if (any_fitted && !is_fitted(observation)) {
+      continue;
+    }
+    box.extend(X_BW * (to_first_station(estimate, observation) * measured[row]));
     lower = lower.cwiseMin(joint_values.col(observation.configuration));
     upper = upper.cwiseMax(joint_values.col(observation.configuration));
   }
@@ -312,7 +304,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
                  {"configurations", configurations},
                  {"points", points},
                  {"distributions", distributions_json(measurements, norms(before), distances)}};
-  add_reach(reported, known.values, result);
+  add_reach(reported, measured, known.values, result);
   return result;
 }
 

@@ -17,18 +17,6 @@
 namespace kdl_calibration {
 namespace {
 
-// Measured minus predicted, one for each observation.
-std::vector<Eigen::Vector3d> residuals(const Measurements& measurements, const CalibrationResult& calibration) {
-  const Estimate& estimate = calibration.fit.identification.estimate;
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(calibration.model, estimate, measurements);
-  std::vector<Eigen::Vector3d> result;
-  result.reserve(measurements.observations.size());
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    result.push_back(measured_minus_predicted(measurements, row, estimate, X_BF));
-  }
-  return result;
-}
-
 const char* split_name(const Observation& observation) { return observation.split == Split::train ? "train" : "test"; }
 
 // Empty cell if not finite.
@@ -95,7 +83,8 @@ Json covariance_json(const CalibrationResult& calibration) {
 }
 
 Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration) {
-  const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
+  const std::vector<Eigen::Vector3d> all =
+      residuals_of(calibration.model, calibration.fit.identification.estimate, measurements);
   std::vector<double> distances(all.size());
   std::transform(all.begin(), all.end(), distances.begin(), [](const Eigen::Vector3d& e) { return e.norm(); });
   std::vector<std::size_t> shown(all.size());
@@ -139,7 +128,8 @@ Json held_out_points_json(const Measurements& measurements, const CalibrationRes
 std::string residuals_csv(const Measurements& measurements, const CalibrationResult& calibration) {
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
-  const std::vector<Eigen::Vector3d> all = residuals(measurements, calibration);
+  const std::vector<Eigen::Vector3d> all =
+      residuals_of(calibration.model, calibration.fit.identification.estimate, measurements);
   const bool several = measurements.stations.size() > 1;
   std::string csv = "configuration,repeat,target,split,";
   csv += several ? "station,dx[m],dy[m],dz[m],distance[m]\n" : "dx[m],dy[m],dz[m],distance[m]\n";

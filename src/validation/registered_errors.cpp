@@ -18,12 +18,10 @@ namespace kdl_calibration {
 namespace {
 
 Freedom freedom_of(const Measurements& training, const RegistrationOptions& known, const Registration& registration) {
-  std::set<std::pair<int, int>> points;
   std::set<int> targets;
   std::set<int> configurations;
   std::set<int> stations;
   for (const Observation& observation : training.observations) {
-    points.insert({observation.configuration, observation.target});
     targets.insert(observation.target);
     configurations.insert(observation.configuration);
     if (training.stations.size() < 2 ||
@@ -35,8 +33,7 @@ Freedom freedom_of(const Measurements& training, const RegistrationOptions& know
   const int bases = known.known_base ? 0 : static_cast<int>(stations.size());
   return {.unknowns = 6 * bases + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
-          .coordinates = has_single_coordinates(training) ? coordinates_of(averaged(training))
-                                                          : 3 * static_cast<int>(points.size()),
+          .coordinates = coordinates_of(averaged(training)),
           .configurations = static_cast<int>(configurations.size()),
           .points = static_cast<int>(targets.size())};
 }
