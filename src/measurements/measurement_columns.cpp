@@ -266,12 +266,14 @@ private:
   void check_complete() const {
     std::vector<std::string> missing;
     const bool poses = joints_.content == FileContent::poses;
+    // x, y and z stand together, or another length is in their place.
+    const bool replaced = !poses && (present(header_.along) || present(header_.distance)) &&
+                          std::none_of(header_.position.begin(), header_.position.end(), present);
     for (const FixedColumn& fixed : fixed_) {
       const bool required = poses ? fixed.quantity == Quantity::length && fixed.required
                                   : joints_.content == FileContent::measurements && fixed.required;
-      const bool replaced =
-          !poses && fixed.quantity == Quantity::length && (present(header_.along) || present(header_.distance));
-      if (required && !replaced && !present(*fixed.column)) missing.emplace_back(fixed.name);
+      if (required && !(replaced && fixed.quantity == Quantity::length) && !present(*fixed.column))
+        missing.emplace_back(fixed.name);
     }
     add_missing_of_line(missing);
     if (poses && !has_orientation(header_)) missing.emplace_back("an orientation");

@@ -128,28 +128,32 @@ double Row::sigma() const {
 }
 
 std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::position() const {
-  const auto is_given = [&](const Column& column) { return has(column); };
-  const bool any = std::any_of(header_.position.begin(), header_.position.end(), is_given);
   if (has(header_.distance)) {
     return distance_from_anchor();
   }
+  const bool with_points = present(header_.position[0]);
+  const auto is_given = [&](const Column& column) { return has(column); };
   if (has(header_.along) || std::any_of(header_.normal.begin(), header_.normal.end(), is_given) ||
-      (!any && present(header_.along) && !present(header_.position[0]))) {
+      (present(header_.along) && !with_points)) {
     return coordinate_along();
   }
-  if (!any && !present(header_.position[0])) {
+  if (!with_points) {
     fail_cell(header_.distance, "is empty: expected a number");
   }
   Eigen::Vector3d z = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d P = Eigen::Matrix3d::Zero();
+  MeasuredCoordinates measured;
   for (std::size_t i = 0; i < 3; ++i) {
     const auto axis = static_cast<Eigen::Index>(i);
-    if (has(header_.position[i]) || !any) {
+    if (has(header_.position[i])) {
       z[axis] = number(header_.position[i]);
-      P(axis, axis) = 1.0;
+    } else {
+      measured.directions(axis, axis) = 0.0;
     }
   }
-  return {z, {.directions = P}};
+  if (measured.directions.isZero(0.0)) {
+    fail_cell(header_.position[0], "is empty: expected a number");
+  }
+  return {z, measured};
 }
 
 std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::coordinate_along() const {

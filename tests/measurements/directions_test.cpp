@@ -169,6 +169,8 @@ TEST(RowsOfDistances, WrongRowsAreRefused) {
   EXPECT_THAT(refused("1,A,0.1,left,0,,,"), HasSubstr("is no distance: expected one above 0"));
   EXPECT_THAT(refused("1,A,0.1,left,-5,,,"), HasSubstr("is no distance: expected one above 0"));
   EXPECT_THAT(refused("1,A,0.1,left,7,1,,3"), HasSubstr("y '' is empty"));
+  EXPECT_THAT(refusal([] { return parsed("configuration,target,q1,x,distance\n1,A,0.1,2,7\n"); }),
+              HasSubstr("missing columns y, z"));
   EXPECT_THAT(refusal([] { return parsed("configuration,target,q1,distance\n1,A,0.1,\n"); }),
               HasSubstr("distance '' is empty"));
   Measurements mixed = parsed(kDistances + "1,A,0.1,left,7,,,\n1,B,0.1,left,8,,,\n");
