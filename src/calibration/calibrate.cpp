@@ -254,16 +254,25 @@ ValidationTask validation_task(const WeighedFit& fitted, const Assessment& asses
           .options = options.validation};
 }
 
+// What `check` says of the rows that are whole points.
+template <class Check>
+auto of_whole_points(const FitProblem& problem, Check check) {
+  if (!has_single_coordinates(problem.measurements)) {
+    return check(problem);
+  }
+  const Measurements whole = whole_points(problem.measurements);
+  return whole.observations.empty() ? decltype(check(problem))() : check(with_measurements(problem, whole));
+}
+
 GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& options) {
-  if (!is_plain(options.estimator) || has_single_coordinates(fitted.problem.measurements) ||
-      fitted.fit.identification.termination == Termination::diverged) {
+  if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
     return {};
   }
   FitProblem problem = fitted.problem;
   problem.start = fitted.fit.identification.estimate;
   problem.free = fitted.fit.free;
   problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostGrossGroups + 1);
-  return find_gross_rows_beside_effects(problem);
+  return of_whole_points(problem, find_gross_rows_beside_effects);
 }
 
 NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationSettings& options) {
@@ -326,11 +335,8 @@ std::optional<OffsetsAlone> fitted_offsets_alone(FitProblem rigid, const Unknown
 
 std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
                                      const ProgressFunction& progress) {
-  if (has_single_coordinates(measurements)) {
-    return {};
-  }
   return with_progress(progress, "screening the measurements",
-                       [&] { return screen(with_measurements(problem, measurements)); });
+                       [&] { return of_whole_points(with_measurements(problem, measurements), screen); });
 }
 
 }  // namespace
@@ -356,7 +362,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   if (!model.stations.empty()) {
     selection.not_tried += selection.not_tried.empty() ? "" : "; ";
     selection.not_tried += has_single_coordinates(measurements)
-                               ? "checks of single rows, of distances and of repeats, parts of the noise, other "
+                               ? "checks of repeats and of rows that are no whole points, parts of the noise, other "
                                  "readings of the data (single coordinates)"
                                : "other readings of the data (several stations)";
   }

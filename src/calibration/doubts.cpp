@@ -189,7 +189,7 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
 }
 
 // What distances and single coordinates cannot show by their residuals.
-Doubts of_lengths(const CalibrationResult& found, const Measurements& measurements) {
+Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements) {
   constexpr double kMostOpen = 10.0;   // of the noise
   constexpr double kMostApart = 10.0;  // of the median; 80 normal errors stay below 6
   Doubts doubts;
@@ -202,7 +202,9 @@ Doubts of_lengths(const CalibrationResult& found, const Measurements& measuremen
     lengths.push_back(point.residual.norm());
     farthest = farthest == nullptr || lengths.back() > farthest->residual.norm() ? &point : farthest;
   }
-  if (farthest != nullptr && farthest->residual.norm() > std::max(kMostApart * median(lengths), kSmallest)) {
+  const bool is_named = !diagnosis.gross_rows.rows.empty() || !diagnosis.findings.empty();
+  if (farthest != nullptr && !is_named &&
+      farthest->residual.norm() > std::max(kMostApart * median(lengths), kSmallest)) {
     const std::string& label = measurements.configurations[static_cast<std::size_t>(farthest->configuration)];
     const std::string& target = measurements.targets[static_cast<std::size_t>(farthest->target)];
     doubts.push_back(
@@ -402,10 +404,10 @@ std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagn
                           ModelChoice model) {
   Doubts result;
   // First what would explain the misfit, last that the fit did not end.
-  for (const Doubts& some :
-       {of_readings(diagnosis.alternative_readings), of_rows(found, diagnosis.gross_rows),
-        of_determination(found, measurements, model), of_predictions(found), of_tests(found),
-        of_size(found, measurements), of_errors(found), of_lengths(found, measurements), of_convergence(found)}) {
+  for (const Doubts& some : {of_readings(diagnosis.alternative_readings), of_rows(found, diagnosis.gross_rows),
+                             of_determination(found, measurements, model), of_predictions(found), of_tests(found),
+                             of_size(found, measurements), of_errors(found), of_lengths(found, diagnosis, measurements),
+                             of_convergence(found)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

@@ -63,6 +63,9 @@ inline std::size_t rows_of_single_coordinates(const Measurements& measurements) 
                     [](const MeasuredCoordinates& measured) { return coordinates_of(measured) < 3; }));
 }
 
+/// The rows that are whole points, as measurements without single coordinates; none if there are no such rows.
+Measurements whole_points(const Measurements& measurements);
+
 /// R of information = R R^T, a sum of weighted projectors: one column for each direction that it determines.
 inline Eigen::Matrix3Xd root_of_directions(const Eigen::Matrix3d& information) {
   constexpr double kNothing = 1e-12;  // of the largest eigenvalue

@@ -124,6 +124,15 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
   return kept;
 }
 
+Measurements whole_points(const Measurements& measurements) {
+  const Observation* const first = measurements.observations.data();
+  Measurements whole = subset(measurements, [&](const Observation& o) {
+    return coordinates_of(measurements, static_cast<std::size_t>(&o - first)) == 3;
+  });
+  whole.coordinates.clear();
+  return whole;
+}
+
 Measurements without_rows(const Measurements& measurements, const std::vector<std::string>& names) {
   // Distances from other anchors are configurations "12 from A2".
   const auto is_named = [&](const Observation& o, const std::string& name) {

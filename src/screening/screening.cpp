@@ -38,6 +38,11 @@ bool is_determined(const FitProblem& problem, double times) {
   return 3.0 * static_cast<double>(points.size()) >= times * static_cast<double>(problem.free.size());
 }
 
+bool has_enough_equations(const FitProblem& problem) {
+  const LeastSquaresProblem equations(problem.model, problem.measurements, problem.free);
+  return equations.equations() >= equations.columns();
+}
+
 std::vector<QualityFinding> beside_effects(const FitProblem& plain, std::vector<QualityFinding> found) {
   const ErrorModel wide = with_load_and_gain(plain.model);
   const FitProblem problem = with_effects_of(wide, plain);
@@ -60,11 +65,7 @@ std::vector<QualityFinding> beside_effects(const FitProblem& plain, std::vector<
 }  // namespace
 
 std::vector<QualityFinding> screen(const FitProblem& problem) {
-  const auto enough_equations = [&] {
-    const LeastSquaresProblem equations(problem.model, problem.measurements, problem.free);
-    return equations.equations() >= equations.columns();
-  };
-  if (problem.measurements.observations.size() > kMostRowsScreened || !enough_equations()) {
+  if (problem.measurements.observations.size() > kMostRowsScreened || !has_enough_equations(problem)) {
     return check_distances(problem.measurements);
   }
   FitProblem preliminary = problem;
@@ -84,7 +85,8 @@ std::vector<QualityFinding> screen(const FitProblem& problem) {
 GrossRows find_gross_rows_beside_effects(const FitProblem& problem) {
   constexpr Eigen::Index kMostConfigurations = 2000;
   constexpr Eigen::Index kMostUnknowns = 200;
-  if (problem.measurements.joint_values.cols() > kMostConfigurations || problem.free.size() > kMostUnknowns) {
+  if (problem.measurements.joint_values.cols() > kMostConfigurations || problem.free.size() > kMostUnknowns ||
+      !has_enough_equations(problem)) {
     return {};
   }
   GrossRows found = find_gross_rows(problem);

@@ -11,16 +11,14 @@
 #include <string>
 #include <vector>
 
-#include "calibration/parameter_estimates.hpp"
 #include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
+#include "interface/ways_to_measure.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/validation.hpp"
-#include "planning/plate.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
-#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::stations_interface_test {
 namespace {
@@ -29,6 +27,7 @@ using Eigen::Index;
 using Eigen::Matrix3Xd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::Ball;
 using testing::bundled_robot;
 using testing::distance_up_to_gauge;
 using ::testing::ElementsAre;
@@ -36,26 +35,7 @@ using testing::geometry_alone;
 using ::testing::HasSubstr;
 using testing::points;
 using testing::refusal;
-
-struct Tracker : testing::VirtualExperiment {
-  explicit Tracker(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
-
-  void move() { robot = at_stations(robot, 3, random); }
-  Measurements measured(int count, double noise = 0.0) {
-    return testing::without_sigmas(measure(count, {.sigma = noise}));
-  }
-};
-
-struct Ball : testing::VirtualExperiment {
-  explicit Ball(std::uint64_t seed = 1)
-      : VirtualExperiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(seed)}) {}
-
-  Measurements touched(int places, int count, double noise = 0.0,
-                       const std::vector<Eigen::Vector3d>& sockets = {{0.0, 0.0, 0.0}, {0.4, 0.0, 0.0}}) {
-    return testing::without_sigmas(
-        touch({.sockets = sockets, .places = places, .sigma = noise}, ranges, count, random, robot));
-  }
-};
+using testing::Tracker;
 
 TEST(StationsOfATracker, AreExactWithoutNoise) {
   Tracker experiment;
@@ -240,73 +220,6 @@ TEST(Stations, TwoStepIsRefused) {
   options.estimator.method = Method::two_step;
   EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), experiment.measured(12), options); }),
               HasSubstr("has several stations"));
-}
-
-// ---- Monte Carlo ---------------------------------------------------------------------------------------------------
-
-constexpr double kNoise = 3e-5;
-
-// Shares of the parameters within their 95 % intervals, and of new points within their radii.
-struct Coverage {
-  double inside = 0.0;
-  double parameters = 0.0;
-  double inside_radius = 0.0;
-  double points = 0.0;
-
-  void add(const Calibration& found, const VirtualRobot& robot) {
-    for (const ParameterEstimate& parameter : found.parameters()) {
-      if (parameter.joint.empty() || parameter.gauge || !(parameter.std > 0.0)) {
-        continue;
-      }
-      const double truth = robot.truth.errors[static_cast<Index>(parameter_index(robot.model, parameter.name))];
-      inside += std::abs(parameter.error - truth) < half_width_95(parameter.std, parameter.degrees_of_freedom) ? 1 : 0;
-      parameters += 1.0;
-    }
-  }
-  void add(const PredictedPoint& predicted, const Eigen::Vector3d& measured) {
-    inside_radius += (predicted.position - measured).norm() < predicted.radius_95 ? 1.0 : 0.0;
-    points += 1.0;
-  }
-  void expect() const {
-    EXPECT_GT(inside / parameters, 0.935);
-    EXPECT_LT(inside / parameters, 0.965);
-    if (points > 0.0) {
-      EXPECT_GT(inside_radius / points, 0.935);
-      EXPECT_LT(inside_radius / points, 0.965);
-    }
-  }
-};
-
-// The true errors are those of the reduced model, so that the gauge is that of the truth.
-TEST(StationsLongRun, IntervalsAndRadiiOfAMovedTrackerCover) {
-  Tracker experiment;
-  Coverage coverage;
-  for (std::uint64_t run = 0; run < 300; ++run) {
-    experiment.restart(Random(11, run));
-    experiment.move();
-    const Calibration found = calibrate(bundled_robot(), experiment.measured(24, kNoise), geometry_alone());
-    coverage.add(found, experiment.robot);
-    const MatrixXd q = experiment.configurations(9);
-    const Measurements fresh = experiment.measure(q, {.sigma = kNoise});
-    for (const Observation& o : fresh.observations) {
-      const std::string station = fresh.stations[static_cast<std::size_t>(o.station)];
-      coverage.add(found.arm().predict(q.col(o.configuration), fresh.targets[static_cast<std::size_t>(o.target)],
-                                       PredictionFrame::measuring, station),
-                   o.position);
-    }
-  }
-  coverage.expect();
-}
-
-TEST(StationsLongRun, IntervalsOfTouchedPlatesCover) {
-  Ball experiment;
-  Coverage coverage;
-  for (std::uint64_t run = 0; run < 300; ++run) {
-    experiment.restart(Random(12, run));
-    const Calibration found = calibrate(bundled_robot(), experiment.touched(4, 40, kNoise), geometry_alone());
-    coverage.add(found, experiment.robot);
-  }
-  coverage.expect();
 }
 
 }  // namespace

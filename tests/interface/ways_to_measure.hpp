@@ -1,0 +1,109 @@
+#pragma once
+
+// Virtual experiments with several stations, single coordinates and distances.
+
+#include <Eigen/Geometry>
+#include <string>
+#include <vector>
+
+#include "planning/plate.hpp"
+#include "support.hpp"
+#include "virtual_experiment.hpp"
+
+namespace kdl_calibration::testing {
+
+constexpr double kNoise = 3e-5;  // [m]
+inline const Eigen::Matrix3d kHeight = Eigen::Vector3d::UnitZ().asDiagonal();
+
+// The coordinates along these directions only.
+inline Measurements along(Measurements measurements, const Eigen::Matrix3d& P) {
+  for (Observation& observation : measurements.observations) {
+    observation.position = P * observation.position;
+  }
+  measurements.coordinates.assign(measurements.observations.size(), {.directions = P});
+  if (measurements.stations.empty()) {
+    measurements.stations = {"W"};
+  }
+  return measurements;
+}
+
+// A tracker that is moved twice.
+struct Tracker : VirtualExperiment {
+  explicit Tracker(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
+
+  void move() { robot = at_stations(robot, 3, random); }
+  Measurements measured(int count, double noise = 0.0) { return without_sigmas(measure(count, {.sigma = noise})); }
+};
+
+// A ball that is set into the sockets of a plate at several places.
+struct Ball : VirtualExperiment {
+  explicit Ball(std::uint64_t seed = 1)
+      : VirtualExperiment({.targets = targets_at({{0.05, 0.2, 0.1}}), .random = Random(seed)}) {}
+
+  Measurements touched(int places, int count, double noise = 0.0,
+                       const std::vector<Eigen::Vector3d>& sockets = {{0.0, 0.0, 0.0}, {0.4, 0.0, 0.0}}) {
+    return without_sigmas(touch({.sockets = sockets, .places = places, .sigma = noise}, ranges, count, random, robot));
+  }
+};
+
+// Heights of three targets above four planes that are tilted against each other.
+struct Heights : VirtualExperiment {
+  explicit Heights(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
+
+  void move() { robot = at_stations(robot, 4, random); }
+  Measurements measured(int count, double noise = 0.0) {
+    return along(without_sigmas(measure(count, {.sigma = noise})), kHeight);
+  }
+};
+
+// A ball that touches the planes of a plate at several places.
+struct Touches : VirtualExperiment {
+  explicit Touches(std::uint64_t seed = 1)
+      : VirtualExperiment({.targets = targets_at({{0.05, 0.2, 0.1}}), .random = Random(seed)}) {}
+
+  Measurements touched(int places, int count, double noise = 0.0) {
+    std::vector<Eigen::Vector3d> spots;
+    for (int i = 0; i < 20; ++i) {
+      spots.emplace_back(0.3 * random.normal(), 0.3 * random.normal(), 0.0);
+    }
+    const Plate plate{.sockets = spots, .places = places, .sigma = noise};
+    return along(without_sigmas(touch(plate, ranges, count, random, robot)), kHeight);
+  }
+};
+
+// Distances from anchors that stand around the robot, one in each configuration.
+struct Distances : VirtualExperiment {
+  explicit Distances(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) {}
+
+  // Anchors at known places in W, or at unknown ones: then the first `anchors` are stations.
+  Measurements measured(int anchors, bool known, int count, double noise = 0.0) {
+    const std::vector<Eigen::Vector3d> places = {{2.1, 1.4, 0.3}, {-1.2, 2.3, 1.1}, {1.0, -2.2, 0.6}};
+    Measurements result = without_sigmas(measure(count));
+    for (int i = 0; i < (known ? 1 : anchors); ++i) {
+      result.stations.push_back("A" + std::to_string(i + 1));
+    }
+    for (Observation& observation : result.observations) {
+      const int anchor = observation.configuration % anchors;
+      const Eigen::Vector3d& place = places[static_cast<std::size_t>(anchor)];
+      result.coordinates.push_back({.distance = (observation.position - place).norm() + noise * random.normal()});
+      observation.station = static_cast<std::int16_t>(known ? 0 : anchor);
+      observation.position = known ? place : Eigen::Vector3d::Zero();
+    }
+    return result;
+  }
+  // Whole points in the first configurations, and distances from an unknown anchor in others.
+  Measurements beside_points(int whole, int count, double noise = 0.0) {
+    Measurements points = without_sigmas(measure(whole, {.sigma = noise}));
+    Measurements distances = measured(1, false, count, noise);
+    points.stations = distances.stations = {"tracker", "A1"};
+    for (std::string& label : points.configurations) {
+      label = "whole " + label;
+    }
+    for (Observation& observation : distances.observations) {
+      observation.station = 1;
+    }
+    return joined(points, distances);
+  }
+};
+
+}  // namespace kdl_calibration::testing
