@@ -2,11 +2,15 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <set>
 #include <utility>
 
 #include "base/counted_fits.hpp"
+#include "base/text.hpp"
 #include "calibration/doubts.hpp"
 #include "measurements/directions.hpp"
+#include "measurements/stations.hpp"
+#include "model/parameters.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -41,15 +45,37 @@ std::vector<QualityFinding> beside_readings(const std::vector<AlternativeReading
   return any([](Cause) { return true; }) ? check_distances(measurements) : findings;
 }
 
+// An unknown base takes up nearly all that its station's only configuration shows.
+std::vector<std::string> lonely_stations(const Measurements& measurements, const ParameterOptions& parameters) {
+  std::vector<std::set<std::int32_t>> configurations(measurements.stations.size());
+  for (const Observation& observation : measurements.observations) {
+    if (configurations.size() > 1) {
+      configurations[station_of(observation)].insert(observation.configuration);
+    }
+  }
+  std::vector<std::string> result;
+  for (std::size_t station = 0; station < configurations.size(); ++station) {
+    const std::string& name = measurements.stations[station];
+    if (configurations[station].size() == 1 && find_base(parameters.known_stations, name) == nullptr) {
+      const std::int32_t only = *configurations[station].begin();
+      result.push_back(
+          fmt::format("station {} has configuration {} alone, which says hardly anything of the arm: is "
+                      "the name mistyped?",
+                      shown(name), measurements.configurations[static_cast<std::size_t>(only)]));
+    }
+  }
+  return result;
+}
+
 // Warnings of the earlier stages.
 std::vector<std::string> earlier_warnings(const ModelSelection& selection, const Measurements& measurements,
-                                          const std::vector<std::string>& of_validation) {
-  std::vector<std::string> result;
+                                          const DiagnosisTask& task) {
+  std::vector<std::string> result = lonely_stations(measurements, task.parameters);
   if (const std::size_t points = selection.not_compared; points > 0) {
     result.push_back(fmt::format("models were compared without {}{} no other fold of the cross-validation has", points,
                                  points == 1 ? " point, whose target" : " points, whose targets"));
   }
-  result.insert(result.end(), of_validation.begin(), of_validation.end());
+  result.insert(result.end(), task.warnings.begin(), task.warnings.end());
   if (const std::size_t rows = rows_of_single_coordinates(measurements); rows > 0) {
     const auto first = std::find_if(measurements.coordinates.begin(), measurements.coordinates.end(),
                                     [](const MeasuredCoordinates& measured) { return coordinates_of(measured) < 3; });
@@ -82,7 +108,7 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
     result.reservation = std::move(result.doubts.front());
     result.doubts.clear();
   }
-  result.warnings = earlier_warnings(found.selection, measurements, task.warnings);
+  result.warnings = earlier_warnings(found.selection, measurements, task);
   const std::vector<std::string> more = warnings(found, result, measurements, task.ambiguity);
   result.warnings.insert(result.warnings.end(), more.begin(), more.end());
   return result;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <set>
 #include <tuple>
 #include <unordered_set>
 #include <utility>
@@ -69,6 +70,7 @@ public:
       fail(source_, fmt::format("no rows after the header in line {}", header_.line));
     }
     check_duplicates();
+    check_anchors();
     take_means_of_scattered_values();
     const StatedJoints stated{.header = header_, .joints = joints, .source = source_, .line = [&](Eigen::Index c) {
                                 return lines_[first_rows_[static_cast<std::size_t>(c)]];
@@ -232,6 +234,24 @@ private:
     for (const auto& [number, sums] : scatter_) {
       const auto index = static_cast<std::size_t>(number);
       for (std::size_t j = 0; j < joints; ++j) joint_values_[index * joints + j] += sums[j] / rows[index];
+    }
+  }
+
+  /// A row with the place of an anchor and no distance would be a point at the anchor.
+  void check_anchors() const {
+    const auto less = [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+      return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+    };
+    std::set<Eigen::Vector3d, decltype(less)> anchors(less);
+    for (std::size_t row = 0; row < coordinates_.size(); ++row) {
+      if (coordinates_[row].distance > 0.0) anchors.insert(observations_[row].position);
+    }
+    for (std::size_t row = 0; row < coordinates_.size(); ++row) {
+      if (coordinates_[row] == MeasuredCoordinates() && anchors.count(observations_[row].position) > 0) {
+        fail(source_, fmt::format("line {}: the distance is empty and x, y, z are those of an anchor, expected a "
+                                  "distance or a measured point",
+                                  lines_[row]));
+      }
     }
   }
 

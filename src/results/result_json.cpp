@@ -375,6 +375,9 @@ Json stations_json(const CalibrationResult& calibration) {
   for (std::size_t station = 0; station < calibration.model.stations.size(); ++station) {
     Json entry = {{"name", calibration.model.stations[station]}};
     entry.update(base_json(calibration, station));
+    const Eigen::Vector3d origin =
+        calibration.fit.identification.estimate.base(station).inverse(Eigen::Isometry).translation();
+    entry["origin_in_base"] = std::vector<double>(origin.begin(), origin.end());
     stations.push_back(entry);
   }
   return stations;

@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <kdl/frames.hpp>
@@ -285,6 +286,17 @@ TEST_F(OptionsOfKdlcal, ValidateComparesTheArmsThatTouchedAPlateAtSeveralPlaces)
   const Outcome found = run({"calibrate", "--measurements", "m.csv", "--result", "r.json"});
   EXPECT_EQ(found.status, 0) << found.err;
   EXPECT_THAT(found.err, HasSubstr("held as registered: base[P1]."));
+  // The offset of joint 1 turns the base, but not one place beside another.
+  std::array<Eigen::Vector3d, 2> true_places;
+  std::array<Eigen::Vector3d, 2> places;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Json truth = json_of("t.json")["stations"][i];
+    const std::vector<double> w = truth["quaternion_wxyz"];
+    const std::vector<double> t = truth["position"];
+    true_places[i] = -(Eigen::Quaterniond(w[0], w[1], w[2], w[3]).conjugate() * Eigen::Vector3d(t.data()));
+    places[i] = Eigen::Vector3d(json_of("r.json")["stations"][i]["origin_in_base"].get<std::vector<double>>().data());
+  }
+  EXPECT_NEAR((places[1] - places[0]).norm(), (true_places[1] - true_places[0]).norm(), 1e-3);
   const Outcome compared = run({"validate", "--result", "r.json", "--truth", "t.json", "--json"});
   EXPECT_EQ(compared.status, 0) << compared.err;
   EXPECT_LT(Json::parse(compared.out)["position_error"]["all"]["rms"], 4e-4);

@@ -115,6 +115,7 @@ TEST(Stations, OfOneConfigurationAreNotLeftOut) {
   options.validation.held_out = true;
   const Calibration found = calibrate(bundled_robot(), few, options);
   EXPECT_EQ(found.accuracy().leave_one_out->after.count, 3 * 20);
+  EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("station 'S3' has configuration 30 alone")));
 }
 
 TEST(Stations, OfTestRowsAloneAreRefused) {

@@ -134,6 +134,12 @@ TEST(RowsOfDistances, AreReadAndWrittenBack) {
   EXPECT_EQ(alone.coordinates.front().distance, 1.5);
 }
 
+TEST(RowsOfDistances, AnAnchorWithoutADistanceIsNoPoint) {
+  EXPECT_THAT(refusal([] { parsed(kDistances + "1,A,0.1,left,10,1,2,3\n2,A,0.2,left,,1,2,3\n"); }),
+              HasSubstr("line 3: the distance is empty and x, y, z are those of an anchor"));
+  EXPECT_EQ(parsed(kDistances + "1,A,0.1,left,10,1,2,3\n2,A,0.2,left,,1,2,3.5\n").observations.size(), 2U);
+}
+
 // Several anchors see a configuration at once: each is a configuration at the same joint values.
 TEST(RowsOfDistances, FromOtherAnchorsAreOtherConfigurations) {
   const std::string file =
