@@ -34,6 +34,9 @@ struct MeasuringPlan {
   Eigen::MatrixXd joint_values;             ///< joints x N, in the URDF's convention [rad] or [m]
   std::vector<std::string> targets;         ///< to be measured in each configuration
   std::vector<std::string> notes;           ///< written to the file as comments
+  std::vector<std::string> stations;        ///< of each configuration; empty: one that needs no name
+  Eigen::Matrix3Xd points;                  ///< [m] 3 x N: the sockets to touch, known in W; empty: to be measured
+  bool distances = false;                   ///< from the anchor, the station, are to be measured instead of x, y and z
   double predicted_mean = 0.0;              ///< [m] 3D 1 sigma of a predicted target, mean over the workspace
   double predicted_max = 0.0;               ///< [m] the same, the largest
 };

@@ -1,14 +1,19 @@
 #include <fmt/core.h>
 #include <memory>
+#include <optional>
 
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
+#include "cli/simulated_places.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "model/reduction.hpp"
+#include "planning/places.hpp"
 #include "results/result_json.hpp"
+#include "robot/joint_ranges.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -17,6 +22,7 @@ struct ModelArguments {
   RobotArguments robot;
   int targets = 3;
   bool poses = false;
+  PlaceArguments places;
   bool json = false;
 };
 
@@ -72,7 +78,45 @@ std::string table(const Robot& robot, const ErrorModel& model, const ModelArgume
   return text;
 }
 
+// What measurements from such places determine, with many random configurations.
+DeterminedByRows determined(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Places& places) {
+  constexpr int kConfigurations = 60;  // of a station: ten for each of its unknowns, several for those of the arm
+  Random random(1);
+  const JointRanges ranges = limits_of(model.joints);
+  const Eigen::MatrixXd q = random_configurations(model.joints, ranges, kConfigurations * places.stations, random);
+  return determined_by(nominal_rows(model, targets, places, ranges, q, random));
+}
+
+std::string table(const DeterminedByRows& determined, const PlaceArguments& places) {
+  std::string text = fmt::format("measured like this ({} from {} {}):\n  arm: {} of {} parameters determined\n",
+                                 !places.sockets.empty()    ? "touches of sockets"
+                                 : places.directions == "r" ? "distances"
+                                                            : places.directions,
+                                 places.stations, places.stations > 1 ? "stations" : "station", determined.arm.rank,
+                                 determined.arm.columns);
+  for (const std::vector<std::string>& tied : determined.arm.tied) {
+    text += fmt::format("  not told apart: {}\n", comma_separated(tied));
+  }
+  text += "  each base, directions of 6:";
+  for (const int directions : determined.bases) {
+    text += fmt::format(" {}", directions);
+  }
+  return text + "\n";
+}
+
+Json json(const DeterminedByRows& determined) {
+  return {{"arm_parameters", determined.arm_names},
+          {"arm_rank", determined.arm.rank},
+          {"tied", determined.arm.tied},
+          {"base_ranks", determined.bases}};
+}
+
 ExitStatus run(const ModelArguments& arguments) {
+  require_directions(arguments.places);
+  const Places places = places_of(arguments.places);
+  if (are_special(places) && arguments.poses) {
+    throw InputError("--poses: are measured by one station, expected none with --stations, --sockets, --directions");
+  }
   const Robot robot = load(arguments.robot);
   const ErrorModel model = complete_model(robot);
   std::vector<TargetFrame> targets = generic_targets(arguments.targets);
@@ -80,7 +124,19 @@ ExitStatus run(const ModelArguments& arguments) {
     target.with_orientation = arguments.poses;
   }
   const Reduction reduction = reduced_model(model, targets);
-  print(arguments.json ? model_json(model, targets, reduction) : table(robot, model, arguments, reduction));
+  std::optional<DeterminedByRows> by_places;
+  if (are_special(places)) {
+    by_places = determined(model, targets, places);
+  }
+  if (arguments.json) {
+    Json result = json_of(model_json(model, targets, reduction), "the model");
+    if (by_places) {
+      result["measured"] = json(*by_places);
+    }
+    print(json_text(result));
+  } else {
+    print(table(robot, model, arguments, reduction) + (by_places ? table(*by_places, arguments.places) : ""));
+  }
   return done;
 }
 
@@ -95,6 +151,7 @@ Subcommand add_model(CLI::App& parser) {
       ->check(whole_number_between(1, 100, "a whole number from 1 to 100"))
       ->capture_default_str();
   app->add_flag("--poses", arguments->poses, "The targets' orientation is measured as well");
+  add_place_options(*app, arguments->places);
   add_json_flag(*app, arguments->json);
   add_example(*app, "kdlcal model --targets 3");
   return {.app = app, .run = [arguments] { return run(*arguments); }};

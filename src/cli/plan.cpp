@@ -2,6 +2,7 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
@@ -13,12 +14,14 @@
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
+#include "cli/simulated_places.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "planning/places_plan.hpp"
 #include "planning/planner.hpp"
 #include "results/saved_calibration.hpp"
 #include "robot/mimic.hpp"
@@ -46,6 +49,7 @@ struct PlanArguments {
   std::string tasks;
   int targets = 3;
   std::string target_file;
+  PlaceArguments places;
   std::string criterion = "D";
   int starts = 8;
   PointNoise noise;
@@ -285,8 +289,103 @@ void require_sound(const PlanArguments& arguments) {
   }
 }
 
+// ---- Several stations, single coordinates, distances, touches ------------------------------------------------------
+
+// Options of a plan for whole points from one station.
+void require_no_others(const PlanArguments& arguments) {
+  const std::vector<std::pair<const char*, bool>> others = {
+      {"--measured", !arguments.measured.empty()},
+      {"--result", !arguments.result.empty()},
+      {"--accuracy", arguments.accuracy_mm.has_value()},
+      {"--criterion", arguments.criterion != "D"},
+      {"--effects", arguments.effects != std::vector<std::string>{"none"}},
+      {"--noise-tracker", !arguments.tracker_noise.empty()},
+      {"--configuration-noise", arguments.noise.configuration_sigma > 0.0},
+      {"--prior-length", arguments.priors.length > 0.0},
+      {"--prior-angle", arguments.priors.angle > 0.0},
+      {"--tracker", !arguments.cell.tracker.empty()},
+      {"--monte-carlo", arguments.monte_carlo > 0},
+      {"--report", !arguments.report.empty()}};
+  for (const auto& [option, is_given] : others) {
+    if (is_given) {
+      throw InputError(
+          std::string(option) +
+          ": is for whole points from one station, expected none with --stations, --sockets, --directions");
+    }
+  }
+}
+
+Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPlan& plan) {
+  Json stations = Json::array();
+  const VirtualRobot& robot = plan.rows.robot;
+  for (std::size_t s = 0; s < robot.model.stations.size(); ++s) {
+    stations.push_back({{"name", robot.model.stations[s]}, {"determined_directions", plan.determined.bases[s]}});
+    stations.back().update(frame_json(robot.truth.base(s).inverse()));
+  }
+  Json configurations = Json::array();
+  for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
+    const Eigen::VectorXd q =
+        independent_joint_values(setting.request.robot.joints, plan.sheet.joint_values.col(static_cast<Index>(c)));
+    configurations.push_back({{"configuration", plan.sheet.configurations[c]},
+                              {"station", plan.sheet.stations[c]},
+                              {"joints", std::vector<double>(q.begin(), q.end())}});
+  }
+  return {{"criterion", arguments.criterion},
+          {"parameters", plan.determined.arm.columns},
+          {"rank", plan.determined.arm.rank},
+          {"tied", plan.determined.arm.tied},
+          {"targets", plan.sheet.targets.size()},
+          {"stations", stations},
+          {"sigma",
+           {{"plan", prediction_json(plan.planned, plan.planned.worst_configuration)},
+            {"random", prediction_json(plan.random, plan.random.worst_configuration)}}},
+          {"travel_seconds", plan.seconds},
+          {"configurations", configurations}};
+}
+
+std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
+  const Identifiability& arm = plan.determined.arm;
+  const VirtualRobot& robot = plan.rows.robot;
+  std::string text = fmt::format(
+      "{} configurations, the best of {} sets of places; {} of {} parameters of the arm determined, noise {} mm\n",
+      plan.sheet.configurations.size(), arguments.starts, arm.rank, arm.columns, fixed(arguments.noise.sigma * 1e3, 4));
+  for (const std::vector<std::string>& tied : arm.tied) {
+    text += fmt::format("  not told apart: {}\n", comma_separated(tied));
+  }
+  text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
+  text += line("  this plan", plan.planned, plan.planned.worst_configuration);
+  text += line("  random choice", plan.random, plan.random.worst_configuration);
+  text += "station     in the base frame: x y z [m], angle times axis [deg]\n";
+  for (std::size_t s = 0; s < robot.model.stations.size(); ++s) {
+    const Eigen::Isometry3d X_BW = robot.truth.base(s).inverse();
+    const Eigen::AngleAxisd turn(X_BW.linear());
+    const Eigen::Vector3d r = turn.angle() / kDegree * turn.axis();
+    const Eigen::Vector3d p = X_BW.translation();
+    text += fmt::format("  {:<8}{:>9.3f}{:>9.3f}{:>9.3f}{:>10.1f}{:>8.1f}{:>8.1f}\n", robot.model.stations[s], p.x(),
+                        p.y(), p.z(), r.x(), r.y(), r.z());
+  }
+  return text + fmt::format("travel                  {:.0f} s at full speed, without the stops\n", plan.seconds);
+}
+
+ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
+  require_no_others(arguments);
+  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}});
+  require_writable(files, arguments.force);
+  const Setting set = setting(arguments);
+  const PlacesPlan plan = plan_at_places(set.request, places);
+  for (OutputFile& file : files) {
+    file.text = plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());
+  }
+  write_whole(files, arguments.force, arguments.json ? json_text(json(arguments, set, plan)) : table(arguments, plan));
+  return done;
+}
+
 ExitStatus run(const PlanArguments& arguments) {
   require_sound(arguments);
+  require_directions(arguments.places);
+  if (const Places places = places_of(arguments.places); are_special(places)) {
+    return run_at_places(arguments, places);
+  }
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--report", arguments.report}});
   require_writable(files, arguments.force);
   Setting set = setting(arguments);
@@ -332,6 +431,7 @@ void add_counts(CLI::App& app, PlanArguments& arguments) {
 void add_experiment(CLI::App& app, PlanArguments& arguments) {
   CLI::Option* file = add_file(app, "--target-file", arguments.target_file,
                                "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
+  add_place_options(app, arguments.places);
   add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones")
       ->excludes(file, app.get_option("--measured"), app.get_option("--result"));
   app.add_option("--noise", arguments.noise.sigma, "1 sigma of every measured coordinate, m")

@@ -1,5 +1,6 @@
 #include "base/degree.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "planning/plate.hpp"
 #include "planning/simulation.hpp"
 #include "results/result_blocks.hpp"
 #include "results/result_table.hpp"
@@ -145,7 +146,10 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
   add_effects(arguments, set, result.robot);
   if (!arguments.places.sockets.empty()) {
-    result.measurements = touch(plate_of(arguments), set.ranges, set.configurations, random, result.robot);
+    const Plate plate{.sockets = places_of(arguments.places).sockets,
+                      .places = arguments.places.stations,
+                      .sigma = arguments.noise.sigma};
+    result.measurements = touch(plate, set.ranges, set.configurations, random, result.robot);
     result.truth = truth_of(robot, arguments, set, result.robot);
     return result;
   }
@@ -158,7 +162,7 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
     result.measurements = joined(result.measurements, measure(result.robot, driven(arguments, set, test, train),
                                                               arguments.noise, random, Split::test));
   }
-  result.measurements = along_directions(std::move(result.measurements), arguments.places);
+  result.measurements = along_directions(std::move(result.measurements), arguments.places.directions);
   if (arguments.order) {
     result.measurements.order.resize(result.measurements.observations.size());
     std::iota(result.measurements.order.begin(), result.measurements.order.end(), std::int64_t{1});

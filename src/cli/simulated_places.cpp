@@ -27,23 +27,26 @@ void add_place_options(CLI::App& app, PlaceArguments& arguments) {
       "Coordinates that are measured: x, y, z, two of them, or r, the distance from the origin of the station [xyz]");
 }
 
-void require_places(const SimulateArguments& arguments) {
-  const std::string& directions = arguments.places.directions;
-  const bool distances = directions == kDistance;
-  if (!distances &&
+void require_directions(const PlaceArguments& arguments) {
+  const std::string& directions = arguments.directions;
+  if (directions != kDistance &&
       (directions.empty() || !std::includes(kAxes.begin(), kAxes.end(), directions.begin(), directions.end()))) {
     throw InputError("--directions: " + shown(directions) +
                      ", expected r, or some of xyz, each once and in this order");
   }
-  const bool single = directions.size() < kAxes.size();
+  if (directions != kAxes && !arguments.sockets.empty()) {
+    throw InputError("--directions: a socket holds the whole point, expected none with --sockets");
+  }
+}
+
+void require_places(const SimulateArguments& arguments) {
+  require_directions(arguments.places);
+  const bool single = arguments.places.directions != kAxes;
   if (single && (arguments.two_step > 0 || arguments.monte_carlo > 0 || arguments.poses)) {
     throw InputError(
         "--directions: are of points that are written, expected none with --poses, --two-step, --monte-carlo");
   }
   const bool touches = !arguments.places.sockets.empty();
-  if (single && touches) {
-    throw InputError("--directions: a socket holds the whole point, expected none with --sockets");
-  }
   if (arguments.places.stations > 1 && (arguments.two_step > 0 || arguments.monte_carlo > 0)) {
     throw InputError("--stations: are of measurements that are written, expected none with --two-step, --monte-carlo");
   }
@@ -64,34 +67,14 @@ VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std:
   return at_stations(std::move(robot), arguments.stations, random);
 }
 
-Measurements along_directions(Measurements measurements, const PlaceArguments& arguments) {
-  if (arguments.directions == kAxes) {
-    return measurements;
+Places places_of(const PlaceArguments& arguments) {
+  Places places{.stations = arguments.stations, .directions = arguments.directions};
+  if (!arguments.sockets.empty()) {
+    for (const TargetFrame& socket : read_targets(arguments.sockets)) {
+      places.sockets.emplace_back(socket.X_FT.translation());
+    }
   }
-  Eigen::Vector3d is_measured = Eigen::Vector3d::Zero();
-  for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    is_measured[axis] =
-        arguments.directions.find(kAxes[static_cast<std::size_t>(axis)]) == std::string::npos ? 0.0 : 1.0;
-  }
-  const bool distances = arguments.directions == kDistance;
-  for (Observation& observation : measurements.observations) {
-    const double distance = observation.position.norm();
-    observation.position = observation.position.cwiseProduct(is_measured).eval();
-    measurements.coordinates.push_back(distances ? MeasuredCoordinates{.distance = distance}
-                                                 : MeasuredCoordinates{.directions = is_measured.asDiagonal()});
-  }
-  if (measurements.stations.empty()) {
-    measurements.stations = {"W"};
-  }
-  return measurements;
-}
-
-Plate plate_of(const SimulateArguments& arguments) {
-  Plate plate{.sockets = {}, .places = arguments.places.stations, .sigma = arguments.noise.sigma};
-  for (const TargetFrame& socket : read_targets(arguments.places.sockets)) {
-    plate.sockets.emplace_back(socket.X_FT.translation());
-  }
-  return plate;
+  return places;
 }
 
 }  // namespace kdl_calibration::cli

@@ -4,21 +4,21 @@
 #include <cstdint>
 
 #include "cli/simulate_arguments.hpp"
-#include "planning/plate.hpp"
+#include "planning/places.hpp"
 #include "planning/simulation.hpp"
 
 namespace kdl_calibration::cli {
 
 void add_place_options(CLI::App& app, PlaceArguments& arguments);
 
+/// Throws InputError for unknown directions, and for directions beside sockets.
+void require_directions(const PlaceArguments& arguments);
 /// Throws InputError for options that several places or a plate do not support.
 void require_places(const SimulateArguments& arguments);
 
 /// Moves the robot's tracker to `stations` places, drawn from a stream of their own.
 VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std::uint64_t seed);
-/// The measurements with the coordinates of --directions alone.
-Measurements along_directions(Measurements measurements, const PlaceArguments& arguments);
-/// The plate with the sockets of --sockets.
-Plate plate_of(const SimulateArguments& arguments);
+/// With the sockets of --sockets.
+Places places_of(const PlaceArguments& arguments);
 
 }  // namespace kdl_calibration::cli

@@ -227,6 +227,18 @@ Prediction predicted(const Experiment& experiment, const MatrixXd& information, 
   return predicted(experiment, std::vector<MatrixXd>{information}, joint_values, threads).front();
 }
 
+Prediction mean_of(const std::vector<Prediction>& predictions) {
+  Prediction mean;
+  const auto count = static_cast<double>(predictions.size());
+  for (const Prediction& prediction : predictions) {
+    mean.sigma.mean += prediction.sigma.mean / count;
+    mean.sigma.p95 += prediction.sigma.p95 / count;
+    mean.sigma.max += prediction.sigma.max / count;
+    mean.worst_configuration += prediction.worst_configuration / count;
+  }
+  return mean;
+}
+
 double floor_of_worst_configuration(const Experiment& experiment, int count) {
   require_at_least("configurations", count, 1);
   const auto points = static_cast<double>(experiment.targets.size()) * count;

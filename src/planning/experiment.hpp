@@ -69,6 +69,9 @@ std::vector<Prediction> predicted(const Experiment& experiment, const std::vecto
 Prediction predicted(const Experiment& experiment, const Eigen::MatrixXd& information,
                      const Eigen::MatrixXd& joint_values, int threads = 0);
 
+/// The mean of each figure.
+Prediction mean_of(const std::vector<Prediction>& predictions);
+
 /// sigma sqrt(p / (T N)) [m] for T targets and N configurations: lower bound of the worst configuration's RMS sigma
 /// among the candidates, for any design of N of them (the general equivalence theorem, Kiefer and Wolfowitz 1960).
 /// Holds without priors, and for noise that is independent and the same in all directions.

@@ -165,6 +165,12 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   require_count("labels of configurations", plan.configurations.size(), plan.joint_values.cols());
   require_count("joint values of a plan", plan.joint_values.rows(), joints.size());
   require_finite("a joint value of a plan", plan.joint_values.allFinite());
+  if (!plan.stations.empty()) {
+    require_count("stations of a plan", plan.stations.size(), plan.joint_values.cols());
+  }
+  if (plan.points.cols() > 0) {
+    require_count("points of a plan", plan.points.cols(), plan.joint_values.cols());
+  }
   if (convention != nullptr) {
     matched_convention(*convention, independent_joint_names(joints));
   }
@@ -173,11 +179,12 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   for (const std::string& note : plan.notes) {
     csv += "# " + one_line(note) + "\n";
   }
-  csv += "configuration,target";
+  const bool at_stations = !plan.stations.empty();
+  csv += at_stations ? "configuration,station,target" : "configuration,target";
   for (const JointColumn& column : columns) {
     csv += "," + csv_field(column.name + (column.length ? "[mm]" : "[deg]"));
   }
-  csv += ",x[m],y[m],z[m]\n";
+  csv += plan.distances ? ",distance[m]\n" : ",x[m],y[m],z[m]\n";
   MatrixXd values = independent_joint_values(joints, plan.joint_values);
   if (convention != nullptr) {
     values = convention->matrix.partialPivLu().solve(values.colwise() - convention->offset).eval();
@@ -185,14 +192,24 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   for (Index c = 0; c < values.cols(); ++c) {
     const std::string& label = plan.configurations[static_cast<std::size_t>(c)];
     require_label(label);
+    std::string station_cell;
+    if (at_stations) {
+      require_label(plan.stations[static_cast<std::size_t>(c)]);
+      station_cell = csv_field(plan.stations[static_cast<std::size_t>(c)]) + ",";
+    }
     std::string joint_cells;
     for (std::size_t i = 0; i < columns.size(); ++i) {
       const double value = values(static_cast<Index>(i), c) * (columns[i].length ? 1e3 : 1.0 / kDegree);
       joint_cells += "," + shortest(std::round(value * 1e9) / 1e9);
     }
+    std::string point = plan.distances ? "," : ",,,";
+    if (plan.points.cols() > 0) {
+      const Eigen::Vector3d known = plan.points.col(c);
+      point = "," + shortest(known.x()) + "," + shortest(known.y()) + "," + shortest(known.z());
+    }
     for (const std::string& target : plan.targets) {
       require_label(target);
-      csv += csv_field(label) + "," + csv_field(target) + joint_cells + ",,,\n";
+      csv += csv_field(label) + "," + station_cell + csv_field(target) + joint_cells + point + "\n";
     }
   }
   return csv;

@@ -150,18 +150,6 @@ MeasuringPlan sheet(const PlanRequest& request, const MatrixXd& in_order) {
   return result;
 }
 
-Prediction mean_of(const std::vector<Prediction>& predictions) {
-  Prediction mean;
-  const auto count = static_cast<double>(predictions.size());
-  for (const Prediction& prediction : predictions) {
-    mean.sigma.mean += prediction.sigma.mean / count;
-    mean.sigma.p95 += prediction.sigma.p95 / count;
-    mean.sigma.max += prediction.sigma.max / count;
-    mean.worst_configuration += prediction.worst_configuration / count;
-  }
-  return mean;
-}
-
 void add_promises(const PlanRequest& request, const SelectionTask& among, Plan& plan) {
   const Experiment& experiment = plan.experiment;
   const MatrixXd& information = plan.selection.information;

@@ -36,7 +36,21 @@ std::vector<OptionCase> model_options() {
       EXPECT_THAT(effect.with.outcome.out, Not(HasSubstr("\"" + joint + "\"")));
     };
   };
+  const auto base_ranks = [](const std::vector<int>& ranks) {
+    return [=](const Effect& effect) {
+      const Json& measured = effect.with.json["measured"];
+      EXPECT_EQ(measured["base_ranks"], Json(ranks));
+      EXPECT_EQ(measured["arm_rank"], measured["arm_parameters"].size());
+      EXPECT_EQ(effect.with.json["parameters"], effect.without.json["parameters"]);
+    };
+  };
   return {
+      {"StationsEachHaveABase", {"--stations", "3"}, base_ranks({6, 6, 6})},
+      {"SocketsHideTheTurnAboutTheirLine",
+       {"--sockets", "sockets.json"},
+       base_ranks({5, 5}),
+       {"--targets", "1", "--stations", "2"}},
+      {"DirectionsLeaveSomeOfEachBase", {"--directions", "z"}, base_ranks({3, 3, 3, 3}), {"--stations", "4"}},
       {"UrdfIsTheRobot", {"--urdf", "odd.urdf"}, loses("joint_2")},
       {"DhIsTheRobot", {"--dh", "odd_dh.json"}, loses("joint_2")},
       {"BaseIsTheFirstLink", {"--base", "link_1"}, loses("joint_1")},
@@ -54,11 +68,15 @@ std::vector<OptionCase> model_options() {
   };
 }
 
+constexpr const char* kSockets = R"({"targets": [{"name": "1", "position": [0, 0, 0]},
+                                                {"name": "2", "position": [0.3, 0, 0]}]})";
+
 class ModelOption : public OptionEffect {};
 
 TEST_P(ModelOption, HasItsEffectAndNoOther) {
   write("odd.urdf", kOddArm);
   write("odd_dh.json", dh_of(parse_robot(kOddArm)));
+  write("sockets.json", kSockets);
   const bool json = GetParam().option.front() != "--json";
   check_effect(json ? Words{"model", "--json"} : Words{"model"}, GetParam());
 }
@@ -311,6 +329,17 @@ TEST_F(OptionsOfKdlcal, ModelListsWhatIsKeptTheGaugeAndWhatReplacesTheRest) {
   EXPECT_THAT(lines[7], ::testing::StartsWith("  dq6     tied to "));
   EXPECT_EQ(lines[8], "dropped, replaced to first order by:");
   EXPECT_THAT(lines, Contains(::testing::StartsWith("  Rx1     1.000 dq2")));
+}
+
+TEST_F(OptionsOfKdlcal, ModelSaysWhatMeasurementsFromSeveralPlacesDetermine) {
+  write("one.json", R"({"targets": [{"name": "1", "position": [0, 0, 0]}]})");
+  const std::string text = run({"model", "--targets", "1", "--sockets", "one.json"}).out;
+  EXPECT_THAT(text, HasSubstr("measured like this (touches of sockets from 1 station):\n"
+                              "  arm: 20 of 21 parameters determined\n  not told apart: "));
+  EXPECT_THAT(text, HasSubstr("Tz2"));
+  EXPECT_THAT(text, HasSubstr("each base, directions of 6: 3\n"));
+  expect_refused({"model", "--poses", "--stations", "2"}, {"--poses", "expected none with --stations"});
+  expect_refused({"model", "--sockets", "one.json"}, {"targets of a robot that touches a plate"});
 }
 
 TEST_F(OptionsOfKdlcal, ModelNamesTheJointsThatFollowOthers) {

@@ -424,6 +424,28 @@ std::vector<OptionCase> robot_options() {
          EXPECT_LT((read.joint_values - chosen(effect.with)).cwiseAbs().maxCoeff(), 1e-10);
        },
        {"--output", "p.csv"}},
+      {"StationsEachHaveTheirPlace",
+       {"--stations", "3"},
+       [](const Effect& effect) {
+         const Json& plan = effect.with.json;
+         EXPECT_EQ(plan["stations"].size(), 3U);
+         EXPECT_EQ(plan["configurations"].size(), effect.without.json["configurations"].size());
+         EXPECT_EQ(plan["rank"], plan["parameters"]);
+         EXPECT_LT(plan["sigma"]["plan"]["mean"], plan["sigma"]["random"]["mean"]);
+       }},
+      {"SocketsAreTouched",
+       {"--sockets", "sockets.json", "--output", "p.csv"},
+       [](const Effect& effect) {
+         const Measurements read = parse_measurements(effect.with.files.at("p.csv"), joint_names(arm()));
+         for (const Observation& o : read.observations) {
+           EXPECT_TRUE(o.position.isZero() || o.position == Eigen::Vector3d(0.1, 0.0, 0.0));
+         }
+         EXPECT_EQ(read.configurations.size(), 8U);
+       },
+       {"--targets", "1"}},
+      {"DirectionsHideSomeOfTheBase",
+       {"--directions", "xz"},
+       [](const Effect& effect) { EXPECT_EQ(effect.with.json["stations"].at(0)["determined_directions"], 5); }},
       {"OutputIsThePlan",
        {"--output", "p.csv"},
        [](const Effect& effect) {
@@ -473,6 +495,8 @@ std::vector<Words> files_of_options() {
                "--noise-tracker 1e-5,2e-6,4e-5,5e-6 --json"),
       words_of("--urdf arm.urdf --measured m.csv --add 5 --tasks tasks.csv --candidates 60 --starts 1 --json"),
       words_of("--dh arm_dh.json --candidates 60 --workspace 20 --starts 1 --json"),
+      words_of("--urdf arm.urdf --stations 2 --directions xz --candidates 60 --workspace 20 --starts 1 --json"),
+      words_of("--urdf arm.urdf --targets 1 --sockets sockets.json --candidates 60 --starts 1 --workspace 20 --json"),
       words_of("--urdf arm.urdf --result r.json --add 5 --workspace 20 --candidates 60 --starts 1 --json"),
   };
 }
@@ -485,6 +509,8 @@ const std::map<std::string, std::string>& input_files() {
       {"arm_dh.json", dh_of(arm())},
       {"foot.urdf", with_foot(arm().urdf)},
       {"old.csv", "old"},
+      {"sockets.json",
+       R"({"targets": [{"name": "1", "position": [0, 0, 0]}, {"name": "2", "position": [0.1, 0, 0]}]})"},
       {"coupled.json", kArmCoupled},
       {"m.csv", measurements_csv(measured_fanuc({.sigma = 3e-5}, false, arm()))},
       {"targets.json", R"({"targets": [{"name": "P", "position": [0.1, 0.2, 0], "facing": [0, 1, 0]},
@@ -675,6 +701,10 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   expect_refused(with({"--criterion", "A"}), {"--criterion", "D, G, I"});
   expect_refused(with({"--noise", "0"}), {"--noise"});
   expect_refused(with({"--home", "1,2"}), {"--home", "6 joint values"});
+  for (const Words& more : {Words{"--accuracy", "0.1"}, Words{"--criterion", "G"}, Words{"--effects", "gravity"},
+                            Words{"--report", "p.html"}, Words{"--monte-carlo", "2"}}) {
+    expect_refused(with(Words{"--stations", "2"} + more), {more.front(), "whole points from one station"});
+  }
 }
 
 // The table and the JSON of the same plan.

@@ -1,0 +1,105 @@
+#include "planning/places.hpp"
+
+#include <Eigen/QR>
+#include <utility>
+
+#include "estimation/least_squares.hpp"
+#include "planning/plate.hpp"
+#include "selection/parameter_selection.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+constexpr double kNothing = 1e-7;  // of a column, a pivot or a singular value
+
+// Columns of unit norm. Those that are nothing beside `before` become zero.
+MatrixXd scaled(MatrixXd columns, const MatrixXd& before) {
+  for (Index c = 0; c < columns.cols(); ++c) {
+    const double norm = columns.col(c).norm();
+    if (norm > kNothing * before.col(c).norm()) {
+      columns.col(c) /= norm;
+    } else {
+      columns.col(c).setZero();
+    }
+  }
+  return columns;
+}
+
+Eigen::ColPivHouseholderQR<MatrixXd> pivots(const MatrixXd& columns) {
+  Eigen::ColPivHouseholderQR<MatrixXd> result(scaled(columns, columns));
+  result.setThreshold(kNothing);
+  return result;
+}
+
+}  // namespace
+
+bool are_special(const Places& places) {
+  return places.stations > 1 || !places.sockets.empty() || places.directions != "xyz";
+}
+
+Measurements along_directions(Measurements points, const std::string& directions) {
+  if (directions == "xyz") {
+    return points;
+  }
+  Eigen::Vector3d is_measured = Eigen::Vector3d::Zero();
+  for (const char axis : {'x', 'y', 'z'}) {
+    is_measured[axis - 'x'] = directions.find(axis) == std::string::npos ? 0.0 : 1.0;
+  }
+  for (Observation& observation : points.observations) {
+    if (directions == "r") {
+      points.coordinates.push_back({.distance = observation.position.norm()});
+      observation.position.setZero();
+    } else {
+      points.coordinates.push_back({.directions = is_measured.asDiagonal()});
+      observation.position = observation.position.cwiseProduct(is_measured).eval();
+    }
+  }
+  if (points.stations.empty()) {
+    points.stations = {"W"};
+  }
+  return points;
+}
+
+PlacedRows nominal_rows(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Places& places,
+                        const JointRanges& ranges, const MatrixXd& q, Random& random) {
+  const ErrorSizes none = {.length = 0.0, .angle = 0.0, .base_position = 0.0, .target_length = 0.0};
+  PlacedRows result{.robot = virtual_robot(model, {}, targets, none, random), .measurements = {}};
+  VirtualRobot& robot = result.robot;
+  if (!places.sockets.empty()) {
+    result.measurements =
+        touch({.sockets = places.sockets, .places = places.stations}, ranges, q.cols(), random, robot);
+    return result;
+  }
+  // The first of the stations is where the robot stands, where no distance depends on joint 1.
+  robot = at_stations(std::move(robot), places.stations + 1, random);
+  robot.model.stations.pop_back();
+  robot.truth.X_WB = robot.truth.other_bases.front();
+  robot.truth.other_bases.erase(robot.truth.other_bases.begin());
+  result.measurements = along_directions(measure(robot, q, {}, random), places.directions);
+  return result;
+}
+
+DeterminedByRows determined_by(const PlacedRows& rows) {
+  const ErrorModel& model = rows.robot.model;
+  const Estimate& truth = rows.robot.truth;
+  const Unknowns free(model, truth.targets, select_parameters(model, truth.targets, {}).free);
+  const MatrixXd J = LeastSquaresProblem(model, rows.measurements, free).whitened_summary(truth).sqrt_information;
+  const Index bases = free.range(UnknownGroup::base).count;
+  const auto of_bases = pivots(J.leftCols(bases));
+  const MatrixXd Q = MatrixXd(of_bases.householderQ()).leftCols(of_bases.rank());
+  const MatrixXd arm = J.rightCols(J.cols() - bases);
+
+  DeterminedByRows result;
+  const std::vector<std::string> names = free.names();
+  result.arm_names.assign(names.begin() + bases, names.end());
+  result.arm = identifiability(scaled(arm - Q * (Q.transpose() * arm), arm), result.arm_names, {.tolerance = kNothing});
+  for (Index station = 0; station < bases; station += 6) {
+    result.bases.push_back(static_cast<int>(pivots(J.middleCols(station, 6)).rank()));
+  }
+  return result;
+}
+
+}  // namespace kdl_calibration

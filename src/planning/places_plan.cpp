@@ -1,0 +1,269 @@
+#include "planning/places_plan.hpp"
+
+#include <fmt/core.h>
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "base/preconditions.hpp"
+#include "estimation/least_squares.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "measurements/stations.hpp"
+#include "planning/measuring_plan.hpp"
+#include "selection/parameter_selection.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// A set of places, and the best configurations found at it.
+struct Choice {
+  PlacedRows rows;
+  std::vector<MatrixXd> candidates;  // whitened rows of each, their columns scaled, those of the bases first
+  VectorXd scale;                    // [m] or [rad] of the columns, so that those of all candidates have unit norm
+  Index bases = 0;                   // columns
+  std::vector<std::size_t> members;
+  double value = -std::numeric_limits<double>::infinity();  // log det M - log det M_b
+};
+
+double log_det(const MatrixXd& M) { return 2.0 * M.llt().matrixLLT().diagonal().array().log().sum(); }
+
+MatrixXd inverse(const MatrixXd& M) { return M.llt().solve(MatrixXd::Identity(M.rows(), M.cols())); }
+
+// M with a little of each column, so that directions that no row shows stay finite and cancel.
+MatrixXd start_of_information(const Choice& choice) {
+  constexpr double kRidge = 1e-9;
+  return kRidge * MatrixXd::Identity(choice.scale.size(), choice.scale.size());
+}
+
+MatrixXd information(const Choice& choice, const std::vector<std::size_t>& members) {
+  MatrixXd M = start_of_information(choice);
+  for (const std::size_t member : members) {
+    M.noalias() += choice.candidates[member].transpose() * choice.candidates[member];
+  }
+  return M;
+}
+
+// What rows A add to log det M - log det M_b, for C = M^-1 and C_b = M_b^-1.
+double gain(const MatrixXd& A, const MatrixXd& C, const MatrixXd& C_b) {
+  const auto A_b = A.leftCols(C_b.cols());
+  const MatrixXd unit = MatrixXd::Identity(A.rows(), A.rows());
+  return log_det(unit + A * C * A.transpose()) - log_det(unit + A_b * C_b * A_b.transpose());
+}
+
+// Exchanges one member after another for the best candidate, until none is worth it.
+void exchange(Choice& choice) {
+  constexpr double kLeastGain = 1e-6;
+  constexpr int kMostPasses = 30;
+  std::vector<bool> is_member(choice.candidates.size(), false);
+  for (const std::size_t member : choice.members) {
+    is_member[member] = true;
+  }
+  bool improved = true;
+  for (int pass = 0; improved && pass < kMostPasses; ++pass) {
+    improved = false;
+    for (std::size_t& member : choice.members) {
+      const MatrixXd& own = choice.candidates[member];
+      const MatrixXd M = information(choice, choice.members) - own.transpose() * own;
+      const MatrixXd C = inverse(M);
+      const MatrixXd C_b = inverse(M.topLeftCorner(choice.bases, choice.bases));
+      std::size_t best = member;
+      double most = gain(own, C, C_b) + kLeastGain;
+      for (std::size_t i = 0; i < choice.candidates.size(); ++i) {
+        const double here = is_member[i] ? 0.0 : gain(choice.candidates[i], C, C_b);
+        if (here > most) {
+          most = here;
+          best = i;
+        }
+      }
+      improved = improved || best != member;
+      is_member[member] = false;
+      is_member[best] = true;
+      member = best;
+    }
+  }
+  const MatrixXd M = information(choice, choice.members);
+  choice.value = log_det(M) - log_det(M.topLeftCorner(choice.bases, choice.bases));
+}
+
+std::vector<std::size_t> drawn(std::size_t count, std::size_t candidates, Random& random) {
+  std::vector<std::size_t> all(candidates);
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  for (std::size_t k = 0; k < count; ++k) {
+    std::swap(all[k], all[k + static_cast<std::size_t>(random.uniform() * static_cast<double>(candidates - k))]);
+  }
+  all.resize(count);
+  return all;
+}
+
+// Candidates at places of their own, those that keep the cell's limits.
+PlacedRows candidate_rows(const PlanRequest& request, const Places& places, std::uint64_t start) {
+  Random random(request.seed, start);
+  const auto count = std::max<Index>(request.count, request.candidates / request.starts);
+  MatrixXd q = MatrixXd::Zero(static_cast<Index>(request.robot.joints.size()), count);
+  if (places.sockets.empty()) {
+    q = candidates(request.robot, request.targets, request.cell,
+                   {.count = static_cast<int>(count), .seed = request.seed + start, .threads = 1})
+            .joint_values;
+  }
+  PlacedRows rows =
+      nominal_rows(complete_model(request.robot), request.targets, places, request.cell.ranges, q, random);
+  const Measurements& all = rows.measurements;
+  rows.measurements = subset(all, [&](const Observation& o) {
+    return places.sockets.empty() ||
+           violated(request.robot, request.targets, request.cell, all.joint_values.col(o.configuration)).empty();
+  });
+  if (rows.measurements.configurations.size() < static_cast<std::size_t>(request.count)) {
+    refuse_input(
+        fmt::format("{} of {} touches keep the limits of the cell", rows.measurements.configurations.size(), count),
+        fmt::format("at least the {} to choose: fewer limits, or more candidates", request.count));
+  }
+  return rows;
+}
+
+Choice chosen(const PlanRequest& request, const Places& places, std::uint64_t start) {
+  Choice choice{.rows = candidate_rows(request, places, start)};
+  const auto& [robot, measurements] = choice.rows;
+  const Unknowns free(robot.model, robot.truth.targets, select_parameters(robot.model, robot.truth.targets, {}).free);
+  choice.bases = free.range(UnknownGroup::base).count;
+  const WhitenedSystem system =
+      LeastSquaresProblem(robot.model, measurements, free, {.noise = noise_model(request.noise)}).whitened(robot.truth);
+  choice.scale = system.jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
+  for (std::size_t c = 0; c < measurements.configurations.size(); ++c) {
+    const Index first = system.blocks[c];
+    const Index end = c + 1 < system.blocks.size() ? system.blocks[c + 1] : system.jacobian.rows();
+    choice.candidates.emplace_back(system.jacobian.middleRows(first, end - first) * choice.scale.asDiagonal());
+  }
+  Random random(request.seed, start);
+  choice.members = drawn(static_cast<std::size_t>(request.count), choice.candidates.size(), random);
+  exchange(choice);
+  return choice;
+}
+
+// The information that is left for the arm where the bases are unknown, in its own units.
+MatrixXd information_of_arm(const Choice& choice, const std::vector<std::size_t>& members) {
+  const Index arm = choice.scale.size() - choice.bases;
+  const MatrixXd M = information(choice, members);
+  const MatrixXd C_b = inverse(M.topLeftCorner(choice.bases, choice.bases));
+  const MatrixXd beside = M.bottomLeftCorner(arm, choice.bases);
+  const VectorXd unscaled = choice.scale.tail(arm).cwiseInverse();
+  return unscaled.asDiagonal() * (M.bottomRightCorner(arm, arm) - beside * C_b * beside.transpose()) *
+         unscaled.asDiagonal();
+}
+
+// The arm alone, in the base frame.
+Experiment experiment_of(const PlanRequest& request, const DeterminedByRows& determined) {
+  Experiment experiment{.model = complete_model(request.robot), .targets = request.targets, .noise = request.noise};
+  experiment.errors = VectorXd::Zero(static_cast<Index>(experiment.model.parameters.size()));
+  experiment.free = Unknowns(experiment.model, experiment.targets, determined.arm_names);
+  return experiment;
+}
+
+// Station after station, and within each by a short way.
+std::vector<Index> in_order(const std::vector<MovingJoint>& joints, VectorXd home, const Measurements& chosen) {
+  const std::vector<std::int16_t> stations = stations_of_configurations(chosen);
+  std::vector<Index> order;
+  for (std::size_t station = 0; station < chosen.stations.size(); ++station) {
+    std::vector<Index> own;
+    for (std::size_t c = 0; c < stations.size(); ++c) {
+      if (static_cast<std::size_t>(stations[c]) == station) {
+        own.push_back(static_cast<Index>(c));
+      }
+    }
+    const MatrixXd there = chosen.joint_values(Eigen::all, own);
+    for (const Index stop : own.empty() ? std::vector<Index>() : short_way(joints, home, there)) {
+      order.push_back(own[static_cast<std::size_t>(stop)]);
+    }
+    home = order.empty() ? home : VectorXd(chosen.joint_values.col(order.back()));
+  }
+  return order;
+}
+
+MeasuringPlan sheet(const Measurements& chosen, const std::vector<Index>& order, const Places& places) {
+  const std::vector<std::int16_t> stations = stations_of_configurations(chosen);
+  MeasuringPlan result{.joint_values = chosen.joint_values(Eigen::all, order), .targets = chosen.targets};
+  if (!places.sockets.empty()) {
+    result.notes = {
+        "Put the plate near each place of the plan, set the ball into the socket x, y, z of each row, and "
+        "replace the joint values by those that the controller shows."};
+    result.points.resize(3, std::ssize(order));
+  } else {
+    result.notes = {places.directions == "xyz" ? "Measure every target in every configuration and fill in x, y and z."
+                    : places.directions == "r"
+                        ? "Measure every target in every configuration and fill in the distance from the anchor."
+                        : "Measure every target in every configuration and fill in " + places.directions +
+                              ", and leave the other coordinates empty."};
+    result.distances = places.directions == "r";
+  }
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const auto c = static_cast<std::size_t>(order[i]);
+    result.configurations.push_back(std::to_string(i + 1));
+    result.stations.push_back(chosen.stations[static_cast<std::size_t>(stations[c])]);
+  }
+  for (const Observation& o : chosen.observations) {
+    if (result.points.cols() > 0) {
+      result.points.col(std::find(order.begin(), order.end(), o.configuration) - order.begin()) = o.position;
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+PlacesPlan plan_at_places(const PlanRequest& request, const Places& places) {
+  constexpr int kRandomDesigns = 20;
+  require_at_least("configurations to choose", request.count, 1);
+  std::vector<Choice> choices(static_cast<std::size_t>(request.starts));
+  parallel_for(choices.size(), request.threads,
+               [&](std::size_t start) { choices[start] = chosen(request, places, start); });
+  Choice& best = *std::max_element(choices.begin(), choices.end(),
+                                   [](const Choice& a, const Choice& b) { return a.value < b.value; });
+
+  PlacesPlan plan;
+  std::vector<MatrixXd> designs = {information_of_arm(best, best.members)};
+  Random random(request.seed, 1000);
+  for (int design = 0; design < kRandomDesigns; ++design) {
+    designs.push_back(information_of_arm(best, drawn(best.members.size(), best.candidates.size(), random)));
+  }
+  std::vector<bool> is_chosen(best.candidates.size(), false);
+  for (const std::size_t member : best.members) {
+    is_chosen[member] = true;
+  }
+  plan.rows = {.robot = best.rows.robot, .measurements = subset(best.rows.measurements, [&](const Observation& o) {
+                                           return is_chosen[static_cast<std::size_t>(o.configuration)];
+                                         })};
+  plan.determined = determined_by(plan.rows);
+  const Experiment experiment = experiment_of(request, plan.determined);
+  const MatrixXd tasks =
+      request.tasks.size() > 0
+          ? request.tasks
+          : candidates(request.robot, request.targets, request.cell,
+                       {.count = request.workspace, .seed = request.seed, .threads = request.threads})
+                .joint_values;
+  const bool is_determined = plan.determined.arm.rank == plan.determined.arm.columns;
+  const double none = std::numeric_limits<double>::infinity();
+  const Prediction open{.sigma = {.mean = none, .rms = none, .p95 = none, .max = none}, .worst_configuration = none};
+  std::vector<Prediction> predictions(designs.size(), open);
+  if (is_determined) {
+    predictions = predicted(experiment, designs, tasks, request.threads);
+  }
+  plan.planned = predictions.front();
+  plan.random = mean_of({predictions.begin() + 1, predictions.end()});
+
+  const VectorXd home =
+      request.home.size() > 0 ? request.home : VectorXd::Zero(static_cast<Index>(request.robot.joints.size()));
+  plan.sheet = sheet(plan.rows.measurements, in_order(request.robot.joints, home, plan.rows.measurements), places);
+  plan.seconds = way_time(request.robot.joints, home, plan.sheet.joint_values);
+  return plan;
+}
+
+}  // namespace kdl_calibration
