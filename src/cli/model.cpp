@@ -84,7 +84,7 @@ DeterminedByRows determined(const ErrorModel& model, const std::vector<TargetFra
   Random random(1);
   const JointRanges ranges = limits_of(model.joints);
   const Eigen::MatrixXd q = random_configurations(model.joints, ranges, kConfigurations * places.stations, random);
-  return determined_by(nominal_rows(model, targets, places, ranges, q, random));
+  return determined_by(rows_at(places, nominal_robot(model, targets), ranges, q, random));
 }
 
 std::string table(const DeterminedByRows& determined, const PlaceArguments& places) {

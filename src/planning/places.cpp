@@ -63,23 +63,26 @@ Measurements along_directions(Measurements points, const std::string& directions
   return points;
 }
 
-PlacedRows nominal_rows(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Places& places,
-                        const JointRanges& ranges, const MatrixXd& q, Random& random) {
-  const ErrorSizes none = {.length = 0.0, .angle = 0.0, .base_position = 0.0, .target_length = 0.0};
-  PlacedRows result{.robot = virtual_robot(model, {}, targets, none, random), .measurements = {}};
-  VirtualRobot& robot = result.robot;
+VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
+  Estimate nominal{.errors = Eigen::VectorXd::Zero(std::ssize(model.parameters)), .targets = targets};
+  nominal.effects = Eigen::VectorXd::Zero(std::ssize(model.effects));
+  return {.model = model, .truth = nominal};
+}
+
+PlacedRows rows_at(const Places& places, VirtualRobot robot, const JointRanges& ranges, const MatrixXd& q,
+                   Random& random) {
   if (!places.sockets.empty()) {
-    result.measurements =
-        touch({.sockets = places.sockets, .places = places.stations}, ranges, q.cols(), random, robot);
-    return result;
+    const Plate plate{.sockets = places.sockets, .places = places.stations};
+    const Measurements touches = touch(plate, ranges, q.cols(), random, robot);
+    return {.robot = robot, .measurements = touches};
   }
   // The first of the stations is where the robot stands, where no distance depends on joint 1.
   robot = at_stations(std::move(robot), places.stations + 1, random);
   robot.model.stations.pop_back();
   robot.truth.X_WB = robot.truth.other_bases.front();
   robot.truth.other_bases.erase(robot.truth.other_bases.begin());
-  result.measurements = along_directions(measure(robot, q, {}, random), places.directions);
-  return result;
+  const Measurements points = measure(robot, q, {}, random);
+  return {.robot = robot, .measurements = along_directions(points, places.directions)};
 }
 
 DeterminedByRows determined_by(const PlacedRows& rows) {

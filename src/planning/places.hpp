@@ -32,10 +32,13 @@ struct PlacedRows {
   Measurements measurements;
 };
 
-/// The nominal arm at random places, and what is measured there: at joint values `q` (joints x N), or with sockets in N
-/// touches within `ranges`. Throws InputError as touch() does.
-PlacedRows nominal_rows(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Places& places,
-                        const JointRanges& ranges, const Eigen::MatrixXd& q, Random& random);
+/// An arm without errors, and its targets.
+VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFrame>& targets);
+
+/// The arm at random places, and what is measured there: at joint values `q` (joints x N), or with sockets in N touches
+/// within `ranges`. Throws InputError as touch() does.
+PlacedRows rows_at(const Places& places, VirtualRobot robot, const JointRanges& ranges, const Eigen::MatrixXd& q,
+                   Random& random);
 
 /// What rows determine, to first order at the robot's truth.
 struct DeterminedByRows {

@@ -116,7 +116,7 @@ PlacedRows candidate_rows(const PlanRequest& request, const Places& places, std:
             .joint_values;
   }
   PlacedRows rows =
-      nominal_rows(complete_model(request.robot), request.targets, places, request.cell.ranges, q, random);
+      rows_at(places, nominal_robot(complete_model(request.robot), request.targets), request.cell.ranges, q, random);
   const Measurements& all = rows.measurements;
   rows.measurements = subset(all, [&](const Observation& o) {
     return places.sockets.empty() ||

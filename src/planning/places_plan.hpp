@@ -22,7 +22,7 @@ struct PlacesPlan {
 /// exchange of one lowers the volume of the confidence ellipsoid of the arm's parameters, whatever the bases are
 /// (D_s-optimality: the largest det M / det M_b for the information M and its block M_b of the bases; Atkinson, Donev
 /// and Tobias 2007, section 10.3). Keeps the best set. Of the request `criterion`, `accuracy`, `priors`, `measured`,
-/// `calibrated`, `effects` and `monte_carlo` are not used. Throws InputError as nominal_rows() and candidates() do, and
+/// `calibrated`, `effects` and `monte_carlo` are not used. Throws InputError as rows_at() and candidates() do, and
 /// if fewer candidates than configurations keep the cell's limits.
 PlacesPlan plan_at_places(const PlanRequest& request, const Places& places);
 

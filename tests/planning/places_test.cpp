@@ -35,7 +35,8 @@ const std::vector<Vector3d> kSockets = {{0.0, 0.0, 0.0}, {0.3, 0.0, 0.0}};
 DeterminedByRows determined(const Places& places, const std::vector<TargetFrame>& targets) {
   testing::VirtualExperiment experiment({.targets = targets});
   const MatrixXd q = experiment.configurations(40 * places.stations);
-  return determined_by(nominal_rows(experiment.model, targets, places, experiment.ranges, q, experiment.random));
+  return determined_by(
+      rows_at(places, nominal_robot(experiment.model, targets), experiment.ranges, q, experiment.random));
 }
 
 // The theory of each way to measure: a whole point shows all six directions of a base; two sockets hide the rotation
