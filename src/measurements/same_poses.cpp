@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <map>
@@ -108,6 +109,56 @@ void renumber(Measurements& measurements, const std::vector<std::vector<Index>>&
   }
 }
 
+// Columns in the cells of a grid over the two joints with the widest ranges in units of their tolerances. Columns
+// within the tolerances are in the same or in adjacent cells.
+class PoseGrid {
+public:
+  PoseGrid(const MatrixXd& joint_values, const VectorXd& tolerances) : joint_values_(joint_values) {
+    const VectorXd ranges = ranges_of(joint_values);
+    std::vector<Index> joints(static_cast<std::size_t>(ranges.size()));
+    std::iota(joints.begin(), joints.end(), Index{0});
+    std::stable_sort(joints.begin(), joints.end(),
+                     [&](Index a, Index b) { return ranges[a] * tolerances[b] > ranges[b] * tolerances[a]; });
+    for (std::size_t axis = 0; axis < std::min(axes_.size(), joints.size()) && joint_values.cols() > 0; ++axis) {
+      const Index joint = joints[axis];
+      const double width = std::max(tolerances[joint], ranges[joint] / kCells) * (1.0 + 1e-9);
+      axes_[axis] = {joint, joint_values.row(joint).minCoeff(), width > 0.0 ? 1.0 / width : 0.0};
+    }
+  }
+
+  void add(Index column) { cells_[cell_along(0, column)][cell_along(1, column)].push_back(column); }
+
+  // Calls visitor(columns) for the own and each adjacent cell, with the columns in the order in which they were added.
+  template <class Visitor>
+  void visit_near(Index column, Visitor visitor) const {
+    const std::size_t row = cell_along(0, column);
+    const std::size_t place = cell_along(1, column);
+    for (std::size_t i = row - std::min<std::size_t>(row, 1); i < std::min(row + 2, kCells); ++i) {
+      for (std::size_t j = place - std::min<std::size_t>(place, 1); j < std::min(place + 2, kCells); ++j) {
+        visitor(cells_[i][j]);
+      }
+    }
+  }
+
+private:
+  static constexpr std::size_t kCells = 64;  // along each axis
+  struct Axis {
+    Index joint = -1;
+    double least = 0.0;
+    double per_width = 0.0;
+  };
+
+  std::size_t cell_along(std::size_t axis, Index column) const {
+    const auto& [joint, least, per_width] = axes_[axis];
+    return joint < 0 ? 0 : static_cast<std::size_t>((joint_values_(joint, column) - least) * per_width);
+  }
+
+  const MatrixXd& joint_values_;
+  std::array<Axis, 2> axes_;
+  using CellRow = std::array<std::vector<Index>, kCells>;
+  std::vector<CellRow> cells_ = std::vector<CellRow>(kCells);
+};
+
 // For each column the first one whose joint values are all within the tolerances.
 std::vector<Index> first_within(const MatrixXd& joint_values, const VectorXd& tolerances) {
   // Equal poses are neighbours in the order along a generic direction.
@@ -121,19 +172,22 @@ std::vector<Index> first_within(const MatrixXd& joint_values, const VectorXd& to
   std::iota(order.begin(), order.end(), Index{0});
   std::sort(order.begin(), order.end(),
             [&](Index a, Index b) { return std::pair(along[a], a) < std::pair(along[b], b); });
-  std::vector<Index> leader(order.size());
-  std::vector<Index> leaders;  // in this order; those within tolerance begin at `begin`
-  std::size_t begin = 0;
-  for (const Index c : order) {
-    while (begin < leaders.size() && along[c] - along[leaders[begin]] > reach) {
-      ++begin;
-    }
-    const auto found = std::find_if(leaders.begin() + static_cast<std::ptrdiff_t>(begin), leaders.end(), [&](Index l) {
-      return ((joint_values.col(l) - joint_values.col(c)).cwiseAbs().array() <= tolerances.array()).all();
+  const MatrixXd sorted = joint_values(Eigen::all, order);  // columns that are compared lie close together
+  const VectorXd sorted_along = along(order);
+  std::vector<Index> leader(order.size());  // by configuration: a column of `sorted`
+  PoseGrid leaders(sorted, tolerances);
+  for (Index c = 0; c < sorted.cols(); ++c) {
+    Index found = c;
+    leaders.visit_near(c, [&](const std::vector<Index>& columns) {
+      for (auto l = columns.rbegin(); l != columns.rend() && sorted_along[c] - sorted_along[*l] <= reach; ++l) {
+        if (*l < found && ((sorted.col(*l) - sorted.col(c)).cwiseAbs().array() <= tolerances.array()).all()) {
+          found = *l;
+        }
+      }
     });
-    leader[static_cast<std::size_t>(c)] = found == leaders.end() ? c : *found;
-    if (found == leaders.end()) {
-      leaders.push_back(c);
+    leader[static_cast<std::size_t>(order[static_cast<std::size_t>(c)])] = found;
+    if (found == c) {
+      leaders.add(c);
     }
   }
   std::vector<Index> first(order.size(), -1);  // by leader, then by configuration

@@ -2,7 +2,10 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <numeric>
 
 #include "base/random.hpp"
 #include "virtual_experiment.hpp"
@@ -61,6 +64,33 @@ TEST(SamePoses, HaveNeighboursWithinThreeDegreesOrATwentiethOfTheRange) {
   EXPECT_EQ(first_of_neighbours(steps * testing::kDegree), (std::vector<Index>{0, 0, 0, 3, 4}));
   EXPECT_EQ(first_of_neighbours(Eigen::MatrixXd::Constant(3, 4, 0.7)), (std::vector<Index>{0, 0, 0, 0}));
   EXPECT_TRUE(first_of_neighbours(Eigen::MatrixXd(2, 0)).empty());
+}
+
+// The definition itself: in the order along a direction each joins the first one that joined nothing and is near.
+TEST(SamePoses, HaveTheNeighboursThatAnExhaustiveSearchFinds) {
+  Random random(1);
+  const Eigen::MatrixXd values = Eigen::MatrixXd::NullaryExpr(3, 400, [&] { return random.uniform(); });
+  const std::vector<Index> first = first_of_neighbours(values);
+  const Eigen::Vector3d direction(1.0 / std::sqrt(2.0), 1.0 / std::sqrt(3.0), 1.0 / std::sqrt(4.0));
+  const Eigen::VectorXd along = values.transpose() * direction;
+  const Eigen::Vector3d range = values.rowwise().maxCoeff() - values.rowwise().minCoeff();
+  std::vector<Index> order(400);
+  std::iota(order.begin(), order.end(), Index{0});
+  std::sort(order.begin(), order.end(), [&](Index a, Index b) { return along[a] < along[b]; });
+  std::map<Index, std::vector<Index>> groups;  // by the one that the others joined
+  for (const Index c : order) {
+    const auto leader = std::find_if(order.begin(), order.end(), [&](Index l) {
+      return l == c || (groups.count(l) > 0 &&
+                        ((values.col(l) - values.col(c)).array().abs() <= 0.05 * range.array().min(1.0)).all());
+    });
+    groups[*leader].push_back(c);
+  }
+  EXPECT_LT(groups.size(), 395U);
+  for (const auto& [leader, members] : groups) {
+    for (const Index c : members) {
+      EXPECT_EQ(first[static_cast<std::size_t>(c)], *std::min_element(members.begin(), members.end()));
+    }
+  }
 }
 
 // A slide of a nanometre is as long for its robot as one of a metre.
