@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
+#include <utility>
 
 #include "base/text.hpp"
 #include "cli/data_dir.hpp"
@@ -94,14 +95,14 @@ FileRoles files_of(const MeasurementArguments& arguments) {
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   const JointConvention* used = convention ? &*convention : nullptr;
-  const Measurements measurements = arguments.joints_file.empty()
-                                        ? read_measurements(robot, arguments.measurements, used)
-                                        : read_joined(robot,
-                                                      {.points = arguments.measurements,
-                                                       .joint_values = arguments.joints_file,
-                                                       .names = arguments.point_names},
-                                                      used);
-  return with_poses_joined(arguments.exclude.empty() ? measurements : without_rows(measurements, arguments.exclude));
+  Measurements measurements = arguments.joints_file.empty() ? read_measurements(robot, arguments.measurements, used)
+                                                            : read_joined(robot,
+                                                                          {.points = arguments.measurements,
+                                                                           .joint_values = arguments.joints_file,
+                                                                           .names = arguments.point_names},
+                                                                          used);
+  return with_poses_joined(arguments.exclude.empty() ? std::move(measurements)
+                                                     : without_rows(measurements, arguments.exclude));
 }
 
 void add_tracker_noise(CLI::App& app, std::vector<double>& values) {

@@ -103,11 +103,10 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   check(measurements, model);
   check(estimate, model, measurements);
   check(free, model, measurements);
-  Measurements plain = *TrainingRows(measurements);
-  for (Observation& observation : plain.observations) {
+  NoiseSample sample = sampled(*TrainingRows(measurements), {});
+  for (Observation& observation : sample.measurements.observations) {
     observation.sigma = 0.0;
   }
-  const NoiseSample sample = sampled(plain, {});
   NoiseStrata strata(sample.measurements, sample.options);
   if (!(strata.repeat_freedom() > 0.0)) {
     return std::nullopt;
