@@ -129,8 +129,15 @@ Slope slope_at(const RotationForm& form, const Matrix3d& A) {
   const Matrix3d M = A.transpose() * Eigen::Map<const Matrix3d>(slope.data());
   // A exp([delta]) = A (I + [delta] + (delta delta^T - |delta|^2 I) / 2 + ...)
   const Matrix3d bend = 0.5 * (M + M.transpose()) - M.trace() * Matrix3d::Identity();
-  // lazyProduct, because the matrices are too small for Eigen's blocked product.
-  const Eigen::Matrix<double, 9, 3> turned_slope = form.Q.lazyProduct(T);
+  // Q T without the products with the zeros of T. lazyProduct, because the matrices are too small for Eigen's blocked
+  // product.
+  Eigen::Matrix<double, 9, 3> turned_slope;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    const Eigen::Index i = (k + 1) % 3;
+    const Eigen::Index j = (k + 2) % 3;
+    turned_slope.col(k) = form.Q.middleCols<3>(3 * i).lazyProduct(A.col(j));
+    turned_slope.col(k) -= form.Q.middleCols<3>(3 * j).lazyProduct(A.col(i));
+  }
   Slope result{
       .gradient = T.transpose() * slope, .gauss_newton = T.transpose().lazyProduct(turned_slope), .hessian = bend};
   result.hessian += result.gauss_newton;
@@ -182,9 +189,15 @@ Vector3d newton_step(const Slope& slope, double added_damping) {
   return -eigen.eigenvectors() * (eigen.eigenvectors().transpose() * slope.gradient).cwiseQuotient(curvature);
 }
 
+// Whether one of the minima found is close to A.
+bool is_known(const Matrix3d& A, const std::vector<Matrix3d>& found) {
+  return std::any_of(found.begin(), found.end(), [&](const Matrix3d& other) { return (A - other).norm() < 0.1; });
+}
+
 // Levenberg-Marquardt on the rotations; steps use the form, not the data. Near a minimum with a large misfit it
-// converges slowly: if the steps do not halve, Newton steps take over. Ends at a step shorter than `tolerance` [rad].
-Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
+// converges slowly: if the steps do not halve, Newton steps take over. Ends at a step shorter than `tolerance` [rad],
+// or where it comes close to a minimum found earlier.
+Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance, const std::vector<Matrix3d>& found = {}) {
   constexpr int kIterations = 60;
   constexpr double kNear = 0.1;  // [rad]
   // Close to the minimum values differ by less than rounding, so such steps are accepted.
@@ -199,7 +212,7 @@ Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
     const Vector3d step =
         converges_slowly
             ? newton_step(slope, added_damping)
-            : Vector3d(-(slope.gauss_newton + added_damping * Matrix3d::Identity()).ldlt().solve(slope.gradient));
+            : Vector3d(-(slope.gauss_newton + added_damping * Matrix3d::Identity()).inverse() * slope.gradient);
     if (!step.allFinite()) {
       break;
     }
@@ -207,6 +220,9 @@ Matrix3d descend(const RotationForm& form, Matrix3d A, double tolerance) {
     const double candidate_value = form.value(candidate);
     if (candidate_value <= value + rounding) {
       A = candidate;
+      if (is_known(A, found)) {
+        break;
+      }
       value = candidate_value;
       damping *= 0.1;
     } else {
@@ -247,17 +263,14 @@ RotationMinimum minimise(const RotationForm& form) {
   // Several starts lead to each minimum; usually only the first of them is followed to its end.
   std::vector<Matrix3d> found;
   RotationMinimum best;
-  const auto is_known = [&](const Matrix3d& A) {
-    return std::any_of(found.begin(), found.end(), [&](const Matrix3d& other) { return (A - other).norm() < 0.1; });
-  };
   for (const Matrix3d& start : starts) {
-    Matrix3d A = descend(form, start, 1e-2);
-    if (is_known(A)) {
+    Matrix3d A = descend(form, start, 1e-2, found);
+    if (is_known(A, found)) {
       continue;
     }
     A = descend(form, A, 1e-14);
     const double value = form.value(A);
-    if (!is_known(A)) {
+    if (!is_known(A, found)) {
       found.push_back(A);
       best.second = std::min(best.second, std::max(best.value, value));
     }
