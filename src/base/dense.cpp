@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -50,6 +51,56 @@ inline __attribute__((always_inline)) void multiply(const double* a, const doubl
   }
 }
 
+// y -= factors[0] x_0, or of four columns x_k = x + k rows, in the rows from the register that holds row `first` on.
+template <class Vector, Index kColumns>
+inline __attribute__((always_inline)) void subtract(const double (&factors)[kColumns], const double* x, Index first,
+                                                    Index rows, double* y) {
+  constexpr Index kWidth = sizeof(Vector) / sizeof(double);
+  for (Index row = first / kWidth * kWidth; row < rows; row += kWidth) {
+    Vector parts[kColumns];
+    for (Index k = 0; k < kColumns; ++k) {
+      parts[k] = factors[k] * *reinterpret_cast<const Vector*>(x + k * rows + row);
+    }
+    Vector& left = *reinterpret_cast<Vector*>(y + row);
+    if constexpr (kColumns == 4) {
+      left -= (parts[0] + parts[1]) + (parts[2] + parts[3]);
+    } else {
+      left -= parts[0];
+    }
+  }
+}
+
+// See SmallFactor. Four columns at a time.
+template <class Vector>
+inline __attribute__((always_inline)) double factorise_columns(double least, Index n, Index rows, double* A) {
+  constexpr Index kWidth = sizeof(Vector) / sizeof(double);
+  double smallest = 1.0;
+  for (Index first = 0; first < n; first += 4) {
+    const Index end = std::min(first + 4, n);
+    for (Index j = first; j < end; ++j) {
+      double* const column = A + j * rows;
+      for (Index k = first; k < j; ++k) {
+        subtract<Vector, 1>({A[k * rows + j]}, A + k * rows, j, rows, column);
+      }
+      smallest = std::min(smallest, column[j]);
+      if (!(smallest > least)) {
+        return 0.0;
+      }
+      const double root = std::sqrt(column[j]);
+      for (Index row = j / kWidth * kWidth; row < rows; row += kWidth) {
+        *reinterpret_cast<Vector*>(column + row) /= root;
+      }
+    }
+    const double* const four = A + first * rows;
+    for (Index c = end; c < n; ++c) {  // only reached after four full columns
+      subtract<Vector, 4>({four[c], four[rows + c], four[2 * rows + c], four[3 * rows + c]}, four, c, rows,
+                          A + c * rows);
+    }
+  }
+  return smallest;
+}
+
+double factorise_two(double least, Index n, Index rows, double* A) { return factorise_columns<Two>(least, n, rows, A); }
 void multiply_two(const double* a, const double* b, Index depth, double* tile) { multiply<Two>(a, b, depth, tile); }
 #ifdef __x86_64__
 __attribute__((target("avx2"))) void multiply_four(const double* a, const double* b, Index depth, double* tile) {
@@ -57,6 +108,12 @@ __attribute__((target("avx2"))) void multiply_four(const double* a, const double
 }
 __attribute__((target("avx512f"))) void multiply_eight(const double* a, const double* b, Index depth, double* tile) {
   multiply<Eight>(a, b, depth, tile);
+}
+__attribute__((target("avx2"))) double factorise_four(double least, Index n, Index rows, double* A) {
+  return factorise_columns<Four>(least, n, rows, A);
+}
+__attribute__((target("avx512f"))) double factorise_eight(double least, Index n, Index rows, double* A) {
+  return factorise_columns<Eight>(least, n, rows, A);
 }
 #endif
 
@@ -161,6 +218,26 @@ std::vector<TileProduct> tile_products() {
   }
 #endif
   return result;
+}
+
+std::vector<SmallFactor> small_factors() {
+  std::vector<SmallFactor> result = {factorise_two};
+#ifdef __x86_64__
+  if (__builtin_cpu_supports("avx2")) {
+    result.push_back(factorise_four);
+  }
+  if (__builtin_cpu_supports("avx512f")) {
+    result.push_back(factorise_eight);
+  }
+#endif
+  return result;
+}
+
+double factorise_small(double least, Ref<MatrixXd> A) {
+  static const SmallFactor widest = small_factors().back();
+  require_count("rows of a padded matrix", A.rows(), (A.cols() + kPaddedRows - 1) / kPaddedRows * kPaddedRows);
+  require_count("distance of its columns", A.outerStride(), A.rows());
+  return widest(least, A.cols(), A.rows(), A.data());
 }
 
 Factor Factor::transposed() const {

@@ -35,6 +35,12 @@ Eigen::MatrixXd symmetric_product(const Factor& A, const Factor& B);
 
 /// Replaces the lower triangle of A = L L^T by L. False if A is not positive definite. Only the lower triangle is used.
 bool factorise(Eigen::Ref<Eigen::MatrixXd> A);
+/// The same by a faster loop for up to a hundred columns. A has n columns and as many rows as the next multiple of
+/// kPaddedRows, zero from row n on; entries above the diagonal are changed. Returns the smallest pivot, at most 1, or
+/// zero as soon as one is not above `least`.
+double factorise_small(double least, Eigen::Ref<Eigen::MatrixXd> A);
+constexpr Eigen::Index kPaddedRows = 8;
+
 /// Replaces the lower triangle L by its inverse.
 void invert_lower(Eigen::Ref<Eigen::MatrixXd> L);
 /// X <- L^-1 X.
@@ -47,5 +53,8 @@ constexpr Eigen::Index kTileColumns = 4;
 using TileProduct = void (*)(const double* a, const double* b, Eigen::Index depth, double* tile);
 /// The inner loops for the registers of this machine, the narrowest first.
 std::vector<TileProduct> tile_products();
+/// The same for factorise_small(), of n columns with `rows` rows each.
+using SmallFactor = double (*)(double least, Eigen::Index n, Eigen::Index rows, double* A);
+std::vector<SmallFactor> small_factors();
 
 }  // namespace kdl_calibration

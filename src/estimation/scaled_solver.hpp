@@ -28,11 +28,11 @@ public:
     // needed only where one is small.
     factorise();
     if (smallest_pivot_ > kPivotInDoubt) {
-      scaled_.triangularView<Eigen::Lower>().solveInPlace(solution_);
-      scaled_.triangularView<Eigen::Lower>().adjoint().solveInPlace(solution_);
+      scaled().triangularView<Eigen::Lower>().solveInPlace(solution_);
+      scaled().triangularView<Eigen::Lower>().adjoint().solveInPlace(solution_);
     } else {
       scale_lower(H);
-      const Eigen::LDLT<Eigen::MatrixXd> pivoted(scaled_);
+      const Eigen::LDLT<Eigen::MatrixXd> pivoted(scaled());
       solution_ = pivoted.solve(solution_);
       smallest_pivot_ = pivoted.vectorD().minCoeff();
     }
@@ -49,52 +49,30 @@ private:
 
   void scale_lower(const Eigen::MatrixXd& H) {
     const Eigen::Index n = scale_.size();
-    scaled_.resize(n, n);
+    padded_.setZero((n + kPaddedRows - 1) / kPaddedRows * kPaddedRows, n);
     for (Eigen::Index c = 0; c < n; ++c) {
-      scaled_.col(c).tail(n - c) = scale_[c] * scale_.tail(n - c).cwiseProduct(H.col(c).tail(n - c));
-      scaled_(c, c) = 1.0 + kSmallestDamping;
+      padded_.col(c).segment(c, n - c) = scale_[c] * scale_.tail(n - c).cwiseProduct(H.col(c).tail(n - c));
+      padded_(c, c) = 1.0 + kSmallestDamping;
     }
   }
 
-  // scaled_ = L L^T in place; smallest_pivot_ is zero where a pivot is in doubt.
+  Eigen::Block<Eigen::MatrixXd> scaled() { return padded_.topRows(padded_.cols()); }
+
+  // scaled() = L L^T in place; smallest_pivot_ is zero where a pivot is in doubt.
   void factorise() {
     constexpr Eigen::Index kLarge = 128;  // size from which the divided algorithm is faster
-    if (scaled_.cols() < kLarge) {
-      factorise_small();
+    if (padded_.cols() < kLarge) {
+      smallest_pivot_ = factorise_small(kPivotInDoubt, padded_);
       return;
     }
-    const bool regular = kdl_calibration::factorise(scaled_);
-    const double pivot = scaled_.diagonal().cwiseAbs2().minCoeff();
+    const bool regular = kdl_calibration::factorise(scaled());
+    const double pivot = scaled().diagonal().cwiseAbs2().minCoeff();
     smallest_pivot_ = regular && pivot > kPivotInDoubt ? std::min(pivot, 1.0) : 0.0;
-  }
-
-  // Four columns at a time; stops at a pivot that is too small.
-  void factorise_small() {
-    const Eigen::Index n = scaled_.cols();
-    smallest_pivot_ = 1.0;
-    for (Eigen::Index first = 0; first < n; first += 4) {
-      const Eigen::Index end = std::min(first + 4, n);
-      for (Eigen::Index j = first; j < end; ++j) {
-        for (Eigen::Index k = first; k < j; ++k) {
-          scaled_.col(j).tail(n - j) -= scaled_(j, k) * scaled_.col(k).tail(n - j);
-        }
-        smallest_pivot_ = std::min(smallest_pivot_, scaled_(j, j));
-        if (!(smallest_pivot_ > kPivotInDoubt)) {
-          smallest_pivot_ = 0.0;
-          return;
-        }
-        scaled_.col(j).tail(n - j) /= std::sqrt(scaled_(j, j));
-      }
-      for (Eigen::Index c = end; c < n; ++c) {  // only reached after four full columns
-        const auto part = [&](Eigen::Index k) { return scaled_(c, first + k) * scaled_.col(first + k).tail(n - c); };
-        scaled_.col(c).tail(n - c) -= (part(0) + part(1)) + (part(2) + part(3));
-      }
-    }
   }
 
   Eigen::VectorXd scale_;
   Eigen::VectorXd solution_;
-  Eigen::MatrixXd scaled_;
+  Eigen::MatrixXd padded_;  // the scaled matrix with rows of zeros below, see factorise_small()
   double smallest_pivot_ = 0.0;
 };
 

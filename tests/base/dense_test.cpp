@@ -55,6 +55,32 @@ TEST(Dense, TilesAreTheSameBitsInRegistersOfEveryWidth) {
   }
 }
 
+// The unused rows and the entries above the diagonal change nothing.
+TEST(Dense, SmallFactorsAreTheSameBitsInRegistersOfEveryWidth) {
+  constexpr double kLeast = 1e-9;
+  for (const Index n : {1, 4, 7, 8, 9, 33, 127}) {
+    const MatrixXd A = random(n, 2 * n);
+    MatrixXd S = A * A.transpose();
+    const Eigen::VectorXd scale = S.diagonal().cwiseSqrt().cwiseInverse();
+    S = scale.asDiagonal() * S * scale.asDiagonal();
+    MatrixXd padded = MatrixXd::Zero((n + kPaddedRows - 1) / kPaddedRows * kPaddedRows, n);
+    padded.topRows(n) = S;
+    MatrixXd L = padded;
+    const double pivot = factorise_small(kLeast, L);
+    EXPECT_LT((lower(L.topRows(n)) * lower(L.topRows(n)).transpose() - S).norm(), 1e-13 * static_cast<double>(n)) << n;
+    EXPECT_NEAR(pivot, L.diagonal().cwiseAbs2().minCoeff(), 1e-14) << n;
+    for (const SmallFactor factorise_in : small_factors()) {
+      MatrixXd other = padded;
+      other.triangularView<Eigen::StrictlyUpper>().setZero();
+      EXPECT_EQ(factorise_in(kLeast, n, other.rows(), other.data()), pivot) << n;
+      EXPECT_EQ(lower(other.topRows(n)), lower(L.topRows(n))) << n;
+      other = padded;
+      other.row(n - 1).setZero();
+      EXPECT_EQ(factorise_in(kLeast, n, other.rows(), other.data()), 0.0) << n;
+    }
+  }
+}
+
 TEST(Dense, EntriesBesideATriangleCountAsZero) {
   for (const Index n : kSizes) {
     const MatrixXd L = random(n, n);
