@@ -19,18 +19,19 @@ constexpr std::array kSummed = {&ChainKernelSums::gradient, &ChainKernelSums::co
                                 &ChainKernelSums::turned,   &ChainKernelSums::weights,  &ChainKernelSums::gram,
                                 &ChainKernelSums::spread};
 
-// Sums over the lanes of `rows`, which are stored in parts of `at_once` lanes. Two lanes at a time (parts are even) and
+// Sums over the lanes of `rows`, which are stored in parts of kAtOnce lanes. Two lanes at a time (parts are even) and
 // in an order independent of the parts.
-void add_lanes(const std::vector<LaneRow>& rows, std::size_t at_once, ChainKernelSums& sums) {
+template <std::size_t kAtOnce>
+void add_lanes(const std::vector<LaneRow>& rows, ChainKernelSums& sums) {
   using Pair = double __attribute__((vector_size(16)));
   std::array<const double*, kLanes / 2> pairs{};
   for (std::size_t lane = 0; lane < kLanes; lane += 2) {
     pairs[lane / 2] =
-        reinterpret_cast<const double*>(rows.data()) + lane / at_once * rows.size() * at_once + lane % at_once;
+        reinterpret_cast<const double*>(rows.data()) + lane / kAtOnce * rows.size() * kAtOnce + lane % kAtOnce;
   }
   std::size_t row = 0;
   const auto next = [&] {
-    const auto pair = [&](std::size_t i) { return Pair{pairs[i][row * at_once], pairs[i][row * at_once + 1]}; };
+    const auto pair = [&](std::size_t i) { return Pair{pairs[i][row * kAtOnce], pairs[i][row * kAtOnce + 1]}; };
     const Pair sum = (pair(0) + pair(1)) + (pair(2) + pair(3));
     ++row;
     return sum[0] + sum[1];

@@ -337,5 +337,5 @@ static void sum(const ChainKernelInput& input, bool cost_only, ChainKernelSums& 
       }
     }
   }
-  add_lanes(all.lanes, kAtOnce, all);
+  add_lanes<kAtOnce>(all.lanes, all);
 }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -206,19 +207,18 @@ void LanePass::add_group(const LaneGroup& group, double weight, const LaneWorksp
 
 void LanePass::add_targets(const LaneGroup& group, const LaneWorkspace& work, NormalEquations& equations) const {
   const ChainKernelSums& sums = work.sums;
-  for (std::size_t i = 0; i < work.order.size(); ++i) {
-    const auto a = static_cast<Index>(work.order[i]);
-    const Vector3d v(&sums.coupling[work.input.width() * i]);
-    const Vector3d w(&sums.coupling[work.input.width() * i + 3]);
-    for (std::size_t k = 0; k < group.targets.size(); ++k) {
-      const Vector3d coupling = group.weights[k] * (v + w.cross(Vector3d(work.input.points[k].data())));
-      visit_targets(group, k, [&](Index column, std::size_t c, double share) {
-        equations.hessian(a, column) += share * coupling[static_cast<Index>(c)];
-      });
-    }
-  }
+  const std::size_t width = work.input.width();
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
+    const std::array<double, 3>& t = work.input.points[k];
     visit_targets(group, k, [&](Index column, std::size_t c, double share) {
+      const std::size_t d = (c + 1) % 3;
+      const std::size_t e = (c + 2) % 3;
+      for (std::size_t i = 0; i < work.order.size(); ++i) {  // coordinate c of w_k (v + a x t_k)
+        const double* const v = &sums.coupling[width * i];
+        const double* const a = v + 3;
+        const double coupling = group.weights[k] * (v[c] + (a[d] * t[e] - a[e] * t[d]));
+        equations.hessian(static_cast<Index>(work.order[i]), column) += share * coupling;
+      }
       equations.gradient[column] += share * sums.force[3 * k + c];
       visit_targets(group, k, [&](Index other, std::size_t of_other, double share_of_other) {
         if (c == of_other) {
