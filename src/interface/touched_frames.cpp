@@ -37,11 +37,11 @@ void find_tool(const std::vector<Isometry3d>& X_BF, const Eigen::Ref<const Matri
     A.middleRows<3>(3 * i) << X.linear(), -Eigen::Matrix3d::Identity();
     b.segment<3>(3 * i) = -X.translation() - slips.col(i);
   }
-  const Eigen::JacobiSVD<MatrixXd> svd(A, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  if (svd.singularValues()[5] < kLeastTurn * svd.singularValues()[0]) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> squares(A.transpose() * A, Eigen::EigenvaluesOnly);
+  if (squares.eigenvalues()[0] < kLeastTurn * kLeastTurn * squares.eigenvalues()[5]) {
     refuse_input("the touches of the tool hardly turn it", "orientations that differ by turns about two axes");
   }
-  const VectorXd p = svd.solve(b);
+  const VectorXd p = A.householderQr().solve(b);
   found.X_FT.translation() = p.head<3>();
   found.tool_residuals = (b - A * p).reshaped(3, count);
 }
@@ -69,8 +69,8 @@ Isometry3d frame_through(const Matrix3Xd& points) {
 // The frame in which the touched points have the stated coordinates, least squares (Umeyama 1991).
 void fit_frame(const Matrix3Xd& touched, const Matrix3Xd& stated, Found& found) {
   const Matrix3Xd centred = stated.colwise() - stated.rowwise().mean();
-  const Vector3d spread = Eigen::JacobiSVD<Matrix3Xd>(centred).singularValues();
-  if (!(spread[1] > kLeastAngle * spread[0])) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> squares(centred * centred.transpose(), Eigen::EigenvaluesOnly);
+  if (!(squares.eigenvalues()[1] > kLeastAngle * kLeastAngle * squares.eigenvalues()[2])) {
     refuse_line();
   }
   found.X_BU = Isometry3d(Eigen::umeyama(stated, touched, false));
