@@ -74,15 +74,6 @@ TEST(EffectFindings, NameTheJointThatMovesMost) {
   EXPECT_THAT(found.words(), IsEmpty());
 }
 
-TEST(EffectFindings, CountTheSwingsOfATurn) {
-  Found found(EffectGroup::harmonics);
-  found.set(found.term(2, swings(2.0)), 0.1 * kDegree);
-  found.set(found.term(2, swings(1.0)), 0.002 * kDegree);
-  ASSERT_EQ(found.words().size(), 1U);
-  EXPECT_THAT(found.words()[0], HasSubstr("joint_3 swings by up to 0.1"));
-  EXPECT_THAT(found.words()[0], HasSubstr(" degrees, mostly twice a turn"));
-}
-
 TEST(EffectFindings, StateTheRangeOfAPlayAndTheLargestMotionUnderGravity) {
   Found play(EffectGroup::backlash);
   play.set(play.term(1, any), 0.01 * kDegree);  // of tanh, which reaches both its ends
@@ -161,19 +152,6 @@ TEST(EffectFindings, HaveTwoDigitsAndAtMostSixDecimals) {
     Found found(EffectGroup::gain);
     found.set(found.term(1, any), share);
     EXPECT_THAT(found.words(), ElementsAre(std::string("joint_2 moves ") + printed + " % further than it is told"));
-  }
-}
-
-TEST(EffectFindings, BeginAtATenthOfAMicroradian) {
-  for (const auto& [size, said] : {std::pair{0.9e-7, false}, std::pair{1.1e-7, true}}) {
-    Found found(EffectGroup::gain);
-    found.set(found.term(1, any), 1.0);
-    const std::vector<EffectMotion> motions = effect_motions(found.calibration, found.measurements);
-    const double largest = std::max_element(motions.begin(), motions.end(), [](const auto& a, const auto& b) {
-                             return a.largest() < b.largest();
-                           })->largest();
-    found.set(found.term(1, any), size / largest);
-    EXPECT_EQ(found.words().size(), said ? 1U : 0U) << size;
   }
 }
 

@@ -181,11 +181,6 @@ TEST(EffectsJson, OlderResultsSayNeitherAxisNorWhatIsWithheld) {
   EXPECT_EQ(read_effects({json, "effects"}, rigid).values.size(), 0);
 }
 
-TEST(EffectsJson, EveryTermNeedsACoefficient) {
-  const EverySort& s = every_sort();
-  EXPECT_THAT(refusal([&] { effects_json(s.model, s.values.head(3)); }), HasSubstr("coefficients of effects"));
-}
-
 TEST(EffectsJson, OfACalibrationOnlyItsOwnTermsWithTheRangesOfTheFittedRows) {
   const EverySort& s = every_sort();
   CalibrationResult calibration;

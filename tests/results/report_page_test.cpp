@@ -63,21 +63,6 @@ std::string page_of(const Measured& measured, const std::string& result) {
                            .plan_command = "kdlcal plan"});
 }
 
-TEST(ReportPage, HoldsTheResultButItsCovariance) {
-  const Measured setting = measured(20);
-  const std::string result = result_of(setting);
-  const Json data = data_of_page(page_of(setting, result));
-  Json expected = Json::parse(result);
-  expected.erase("covariance");
-  expected.erase("hashes");
-  EXPECT_EQ(data["result"]["residuals"]["complete"], true);
-  expected["residuals"]["complete"] = true;
-  expected["influence"]["complete"] = true;
-  EXPECT_EQ(data["result"], expected);
-  EXPECT_EQ(data["kind"], "calibration");
-  EXPECT_EQ(data["plan_command"], "kdlcal plan");
-}
-
 TEST(ReportPage, NamesThatAreMarkupStayText) {
   Measured setting = measured(20, {kHostile, "\u202eright to left", std::string(300, 'x')});
   setting.measurements.configurations[3] = "<img src=x onerror=alert(1)>{{script}}{{data}}";
@@ -120,27 +105,6 @@ TEST(ReportPage, SameInputGivesTheSameBytesInEveryLocale) {
   const GermanLocaleFolder german;
   const UnderAComma under(german);
   EXPECT_TRUE(page == page_of(setting, result));
-}
-
-TEST(ReportPage, ShowsTheLargestAndEvenlySpacedOnesOfManyPoints) {
-  Measured setting = measured(1200);
-  constexpr std::size_t kWrong = 2222;
-  setting.measurements.observations[kWrong].position.x() += 0.005;
-  const std::string page = page_of(setting, result_of(setting));
-  EXPECT_LT(page.size(), 3'000'000U);
-  const Json data = data_of_page(page);
-  const Json& points = data["measured"]["points"];
-  EXPECT_GT(points.size(), 2800U);
-  EXPECT_LE(points.size(), kMostPointsOfPage);
-  EXPECT_EQ(data["measured"]["complete"], false);
-  EXPECT_EQ(data["measured"]["rows"], 3600);
-  EXPECT_EQ(data["result"]["residuals"]["complete"], false);
-  EXPECT_EQ(data["result"]["influence"]["complete"], false);
-  EXPECT_EQ(data["result"]["influence"]["configurations"].size(), 1200U);
-  EXPECT_TRUE(std::any_of(points.begin(), points.end(), [](const Json& point) { return point["row"] == kWrong; }));
-  EXPECT_EQ(data["measured"]["distributions"]["train"]["after"]["count"], 3600);
-  EXPECT_EQ(data["measured"]["distributions"]["train"]["after"]["values"].size(), 1001U);
-  EXPECT_FALSE(data["measured"]["distributions"].contains("test")) << "there are no test rows";
 }
 
 TEST(ReportPage, OfPointsThatAreAllAsLargeTheFirstAreShown) {
@@ -204,24 +168,6 @@ TEST(ReportPage, TheChainOfThePageIsThatOfKdl) {
   EXPECT_LT((frame_of(page["base"]).matrix() - estimate.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-15);
 }
 
-TEST(ReportPage, ResidualsArePredictedByTheChain) {
-  const Measured setting = measured(12);
-  const CalibrationSettings options;
-  const CalibrationResult found = calibrate(setting.model, setting.measurements, options);
-  const Json block = Json::parse(reported_measurements({.model = found.model,
-                                                        .estimate = found.fit.identification.estimate,
-                                                        .measurements = setting.measurements,
-                                                        .before = nullptr}));
-  const std::vector<double> errors =
-      position_errors(found.model, found.fit.identification.estimate, setting.measurements);
-  ASSERT_EQ(block["points"].size(), errors.size());
-  for (std::size_t i = 0; i < errors.size(); ++i) {
-    const Json& residual = block["points"][i]["residual"];
-    EXPECT_NEAR(Eigen::Vector3d(residual[0], residual[1], residual[2]).norm(), errors[i], 1e-15);
-    EXPECT_FALSE(block["points"][i].contains("before"));
-  }
-}
-
 TEST(ReportPage, PointsHaveTheirPlaceInTheOrderOfMeasurementWhereThatIsStated) {
   Measured setting = measured(12);
   const ErrorModel& model = setting.model;
@@ -240,20 +186,6 @@ TEST(ReportPage, PointsHaveTheirPlaceInTheOrderOfMeasurementWhereThatIsStated) {
   for (const Json& point : with_order) {
     EXPECT_EQ(point["order"], 1000 - point["row"].get<std::int64_t>());
   }
-}
-
-TEST(ReportPage, SaysWhatItWasNotGiven) {
-  const Measured setting = measured(12);
-  const std::string result = result_of(setting);
-  const Json data = data_of_page(calibration_page({.result = result,
-                                                   .source = "result",
-                                                   .robot = nullptr,
-                                                   .measurements = nullptr,
-                                                   .known = {},
-                                                   .plan_command = ""}));
-  EXPECT_THAT(data["missing"]["robot"], HasSubstr("URDF"));
-  EXPECT_THAT(data["missing"]["measurements"], HasSubstr("measurements"));
-  EXPECT_FALSE(data.contains("robot"));
 }
 
 TEST(ReportPage, RefusesWhatIsNoResult) {
@@ -374,22 +306,6 @@ TEST(ReportPage, ResidualsBeforeAreOfTheFramesThatWereKnown) {
     const Json& residual = data["measured"]["points"][i]["before"];
     EXPECT_NEAR(Eigen::Vector3d(residual[0], residual[1], residual[2]).norm(), errors[i], 1e-12);
   }
-}
-
-TEST(ReportPage, RefusesWhatDoesNotFitTogether) {
-  const Measured setting = measured(6);
-  const Estimate start = nominal_start(setting.model, setting.measurements);
-  Estimate other = start;
-  other.targets.pop_back();
-  EXPECT_THROW(reported_measurements(
-                   {.model = setting.model, .estimate = start, .measurements = setting.measurements, .before = &other}),
-               InputError);
-  EXPECT_THROW(reported_measurements(
-                   {.model = setting.model, .estimate = other, .measurements = setting.measurements, .before = &start}),
-               InputError);
-  other = start;
-  other.errors.conservativeResize(3);
-  EXPECT_THROW(reported_robot(setting.robot, setting.model, other), InputError);
 }
 
 TEST(Thinned, KeepsEndsOrderAndEvenSpacing) {

@@ -36,6 +36,7 @@
 #include "results/calibrated_urdf.hpp"
 #include "results/result_table.hpp"
 #include "robot/joint_ranges.hpp"
+#include "validation/validation.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::result_json_test {
@@ -623,55 +624,23 @@ TEST(ResultJson, TheExportedUrdfIsJudgedWithItsOwnBaseAndTargets) {
   }
 }
 
-/// Mean and distances of the repeats of each target in each configuration.
-struct Repeated {
-  std::vector<Eigen::Vector3d> positions;
-  Eigen::Vector3d mean() const {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (const Eigen::Vector3d& position : positions) {
-      sum += position;
-    }
-    return sum / static_cast<double>(positions.size());
-  }
-};
-
-TEST(ResultJson, FiguresOfIso9283AreThoseOfTheMeansAndTheirRepeats) {
+// The figures themselves: see validation_test.cpp.
+TEST(ResultJson, FiguresOfIso9283AreThoseOfTheirRowsBeforeAndAfter) {
   for (const Case& c : cases()) {
     const Json& iso = c.result["iso_9283"];
-    const auto check = [&](const Json& got, const Estimate& estimate, Split split) {
-      const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, c.measurements.joint_values);
-      std::map<std::pair<int, int>, Repeated> points;
-      for (const Observation& o : c.measurements.observations) {
-        if (o.split == split) {
-          points[{o.configuration, o.target}].positions.push_back(o.position);
-        }
-      }
-      std::vector<double> accuracies;
-      std::vector<double> repeatabilities;
-      for (const auto& [key, point] : points) {
-        const KDL::Vector p = predicted_point(poses[static_cast<std::size_t>(key.first)], estimate, key.second);
-        accuracies.push_back((point.mean() - Eigen::Vector3d(p.x(), p.y(), p.z())).norm());
-        std::vector<double> distances;
-        for (const Eigen::Vector3d& position : point.positions) {
-          distances.push_back((position - point.mean()).norm());
-        }
-        if (distances.size() > 1) {
-          const Json l = statistics_by_hand(distances);
-          repeatabilities.push_back(l["mean"].get<double>() + 3.0 * l["std"].get<double>());
-        }
-      }
-      expect_statistics(got["accuracy"], accuracies, c.name);
-      if (repeatabilities.empty()) {
-        EXPECT_TRUE(got["repeatability"].is_null()) << c.name;
-      } else {
-        expect_statistics(got["repeatability"], repeatabilities, c.name);
+    const auto check = [&](const Json& got, const Estimate& estimate, Rows rows) {
+      const Iso9283 expected = iso_9283(c.calibration.model, estimate, c.measurements, rows);
+      EXPECT_NEAR(got["accuracy"]["rms"], expected.accuracy.rms, 1e-12) << c.name;
+      EXPECT_EQ(got["repeatability"].is_null(), expected.repeatability.count == 0) << c.name;
+      if (expected.repeatability.count > 0) {
+        EXPECT_NEAR(got["repeatability"]["max"], expected.repeatability.max, 1e-12) << c.name;
       }
     };
-    check(iso["before"], start_of(c), Split::train);
-    check(iso["after"], c.calibration.fit.identification.estimate, Split::train);
+    check(iso["before"], start_of(c), Rows::train);
+    check(iso["after"], c.calibration.fit.identification.estimate, Rows::train);
     if (iso.contains("test")) {
-      check(iso["test"]["before"], start_of(c), Split::test);
-      check(iso["test"]["after"], c.calibration.fit.identification.estimate, Split::test);
+      check(iso["test"]["before"], start_of(c), Rows::test);
+      check(iso["test"]["after"], c.calibration.fit.identification.estimate, Rows::test);
     }
   }
 }

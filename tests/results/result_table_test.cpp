@@ -263,66 +263,6 @@ TEST(ResultTable, NamesTheNoiseInItsParts) {
   EXPECT_THAT(noise_of(noise), EndsWith("(from the residuals)"));
 }
 
-/// What a line that begins so goes on with in the next one, with its blanks.
-std::string goes_on(const std::string& text, const std::string& begin) {
-  const std::size_t end = text.find('\n', text.find(begin));
-  return text.substr(end + 1, text.find_first_not_of(' ', end + 1) - end);
-}
-
-TEST(ResultTable, LongLinesGoOnIndented) {
-  Made made;
-  CalibrationResult& c = made.calibration;
-  made.options.written = {std::string(50, 'a'), std::string(50, 'b')};
-  c.noise.common = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
-  c.noise.misfit = 1e-5;
-  c.selection.tried = {{.effects = {"gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables"}}};
-  const std::string text = made.printed();
-  EXPECT_EQ(goes_on(text, "Written: "), "         b");
-  EXPECT_THAT(goes_on(text, "noise per coordinate"), ::testing::MatchesRegex("  [a-z(]"));
-  EXPECT_THAT(goes_on(text, "chosen by"), ::testing::MatchesRegex("  [a-z]"));
-  c.model.effects[0].joint = c.model.joints[1].name = std::string(70, 's');
-  c.model.effects[0].function = JointTable{.number = 1, .length = 0.2, .lower = -0.4, .upper = 0.5};
-  EXPECT_THAT(goes_on(made.printed(), std::string(70, 's') + " is"), ::testing::MatchesRegex("    [a-z]"));
-  c.diagnosis.doubts = {{.message = std::string(50, 'c') + " " + std::string(50, 'd')}};
-  c.diagnosis.findings = {{.message = std::string(50, 'e') + " " + std::string(50, 'f')}};
-  EXPECT_EQ(goes_on(made.printed(), "NOT TO BE TRUSTED"), "    d");
-  EXPECT_EQ(goes_on(made.printed(), "Measurements: "), "    f");
-}
-
-TEST(ResultTable, NamesPriorsOfLengthsOrAnglesAlone) {
-  Made made;
-  const auto chosen = [&](const Priors& priors) {
-    made.calibration.selection.tried = {{.priors = priors}};
-    const std::string text = made.printed();
-    const std::size_t start = text.find("chosen by cross-validation: ");
-    return testing::squeezed(text.substr(start + 28, text.find(", beyond", start) - start - 28));
-  };
-  EXPECT_EQ(chosen({}), "no priors");
-  EXPECT_EQ(chosen({.length = 1e-3}), "priors of 1 mm and 0 mrad");
-  EXPECT_EQ(chosen({.angle = 2e-3}), "priors of 0 mm and 2 mrad");
-  EXPECT_EQ(chosen({.length = 1.2345e-3, .angle = 2.3456e-3}), "priors of 1.23 mm and 2.35 mrad");
-}
-
-TEST(ResultTable, SaysNothingOfWhatIsNot) {
-  Made made;
-  EXPECT_THAT(made.printed(), Not(HasSubstr("AP and RP")));
-  EXPECT_THAT(made.printed(), Not(HasSubstr("each round")));
-  EXPECT_THAT(made.printed(), Not(HasSubstr("1 sigma of a predicted")));
-  EXPECT_THAT(made.printed(), Not(HasSubstr("\ntest")));
-  EXPECT_THAT(made.printed(), Not(HasSubstr("means")));
-  EXPECT_THAT(made.printed(), Not(HasSubstr("URDF alone")));
-  EXPECT_THAT(made.printed(), Not(HasSubstr("for mastering")));
-  made.options.written.clear();
-  EXPECT_THAT(made.printed(), Not(HasSubstr("Written")));
-  made.calibration.uncertainty.influence.configurations.clear();
-  EXPECT_THAT(made.printed(), Not(HasSubstr("influential")));
-  made.calibration.uncertainty.predicted.asked.clear();
-  EXPECT_THAT(made.printed(), Not(HasSubstr("predicted, in the base")));
-  made.calibration.model.effects.clear();
-  made.calibration.fit.identification.estimate.effects.resize(0);
-  EXPECT_THAT(made.printed(), Not(HasSubstr("effects beyond")));
-}
-
 TEST(ResultTable, EveryErrorStandsInARowWithItsName) {
   Made made;
   Accuracy& accuracy = made.calibration.accuracy;
