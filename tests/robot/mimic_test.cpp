@@ -104,18 +104,6 @@ TEST(Mimic, DefaultsToTheLeadersOwnValue) {
   EXPECT_FALSE(robot.joints[5].mimic);
 }
 
-TEST(Mimic, NarrowsTheLeadersLimitsToThoseOfTheFollower) {
-  // forearm = -0.5 elbow + 0.2 in [-0.3, 0.7] leaves elbow in [-1, 1].
-  const Robot robot = parse_robot(mimic_urdf({}, "-0.3:0.7"));
-  EXPECT_NEAR(robot.joints[3].lower.value(), -1.0, 1e-12);
-  EXPECT_NEAR(robot.joints[3].upper.value(), 1.0, 1e-12);
-  EXPECT_EQ(mimic_robot().joints[3].lower.value(), -2.5);
-  const std::string nothing = refusal(mimic_urdf({}, "2:2.9"));  // elbow below -3.6
-  EXPECT_THAT(nothing, AllOf(HasSubstr("joint 'forearm'"), HasSubstr("'elbow'"), HasSubstr("limits")));
-  const std::string fixed = refusal(mimic_urdf({.forearm = "<mimic joint='elbow' multiplier='0' offset='3'/>"}));
-  EXPECT_THAT(fixed, AllOf(HasSubstr("joint 'forearm'"), HasSubstr("value 3"), HasSubstr("limits")));
-}
-
 /// Limits of the leader "first" that turns without any, or within these, with a follower of these limits.
 std::pair<double, double> narrowed(const std::string& mimic, const std::string& follower,
                                    const std::string& leader = "-1e12:1e12") {
