@@ -9,7 +9,7 @@
 // words where the option needs company; what they give without the option is made once for all rows, which is why all
 // rows of a table find the same input files. An option may have several rows; one without any fails the test of its
 // table, `OptionsOfKdlcal.Of...AreAllTested`. Each row is also run with the option in a file (--config), which must do
-// the same; of calibrate and plan, whose runs take long, files_of_options() lists files with many options each.
+// the same; of calibrate and plan, whose runs take long, only on the command line.
 
 #include <algorithm>
 #include <cmath>
@@ -29,25 +29,15 @@
 #include "kdl_calibration/measurements.hpp"
 #include "model/parameters.hpp"
 #include "planning/simulation.hpp"
+#include "report_page_support.hpp"
 #include "robot/chain_to_dh.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing {
 
 using Json = nlohmann::json;
-using Words = std::vector<std::string>;
 
 const std::string kFanuc = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
-
-inline Words operator+(Words left, const Words& right) {
-  left.insert(left.end(), right.begin(), right.end());
-  return left;
-}
-
-inline Words words_of(const std::string& line) {
-  std::istringstream stream(line);
-  return {std::istream_iterator<std::string>(stream), {}};
-}
 
 /// What one run gave.
 struct Answer {
@@ -126,6 +116,31 @@ inline Check both_checks(const Check& first, const Check& second) {
 }
 
 inline Check changes_nothing() { return changes_only({}); }
+
+/// Without the option the command is refused, with it not.
+inline Check is_needed() {
+  return [](const Effect& effect) {
+    EXPECT_EQ(effect.without.outcome.status, 2);
+    EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+  };
+}
+
+/// The file that stood there stays without the option, and begins so with it.
+inline Check overwrites(const std::string& file, const std::string& beginning) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(effect.without.outcome.status, 2);
+    EXPECT_TRUE(effect.without.files.empty());
+    EXPECT_THAT(effect.with.files.at(file), ::testing::StartsWith(beginning));
+  };
+}
+
+/// Standard output is the same, and the page holds it.
+inline Check writes_page_of_json(const std::string& file) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+    EXPECT_EQ(data_of_page(effect.with.files.at(file))["result"], effect.with.json);
+  };
+}
 
 /// Standard output is a table for people without the option, JSON with it.
 inline Check turns_the_table_into_json() {
@@ -298,13 +313,6 @@ protected:
     row.check(effect);
   }
 
-  /// With each of these lists of options a subcommand does the same where they stand in a file.
-  void expect_the_same_from_files(const std::string& subcommand, const std::vector<Words>& files) {
-    for (const Words& options : files) {
-      expect_the_same_from_a_file({subcommand}, options);
-    }
-  }
-
   void expect_the_same_from_a_file(const Words& words, const Words& option) {
     const Answer& expected = run_once(words + option);
     EXPECT_NE(expected.outcome.status, 2) << expected.outcome.err;
@@ -331,9 +339,6 @@ protected:
     for (const OptionCase& row : table) {
       tested.insert(row.option.front());
     }
-    expect_a_test_of_every_option(subcommand, tested);
-  }
-  void expect_a_test_of_every_option(const std::string& subcommand, const std::set<std::string>& tested) {
     std::set<std::string> known;
     std::istringstream help(run({subcommand, "--help"}).out);
     for (std::string line; std::getline(help, line);) {
@@ -364,16 +369,6 @@ inline std::string points_csv(const Measurements& measured, bool named) {
     csv += "\n";
   }
   return csv;
-}
-
-/// Every option in these.
-inline std::set<std::string> options_of(const std::vector<Words>& files) {
-  std::set<std::string> options;
-  for (const Words& file : files) {
-    std::copy_if(file.begin(), file.end(), std::inserter(options, options.end()),
-                 [](const std::string& word) { return word.rfind("--", 0) == 0; });
-  }
-  return options;
 }
 
 class OptionEffect : public OptionsOfKdlcal, public ::testing::WithParamInterface<OptionCase> {};

@@ -4,7 +4,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
-#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -19,6 +18,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -40,6 +40,18 @@ inline constexpr const char* kTwoJoints = R"(<robot name="two"><link name="a"/><
 <origin xyz="0 0.5 0.5"/><axis xyz="1 0 0"/></joint><joint name="t" type="fixed"><parent link="c"/><child link="d"/>
 </joint></robot>)";
 
+using Words = std::vector<std::string>;
+
+inline Words operator+(Words left, const Words& right) {
+  left.insert(left.end(), right.begin(), right.end());
+  return left;
+}
+
+inline Words words_of(const std::string& line) {
+  std::istringstream stream(line);
+  return {std::istream_iterator<std::string>(stream), {}};
+}
+
 /// What surrounds a run of kdlcal. No run may take more than this: one that does is ended and fails its test, so that
 /// a limit which no longer works does not fill the machine.
 struct Surroundings {
@@ -47,7 +59,6 @@ struct Surroundings {
   std::string err = "/dev/null";                                 ///< where standard error goes
   rlim_t largest_file = 0;                                       ///< bytes that a file may have; 0: no limit
   rlim_t stack = 0;                                              ///< bytes, as ulimit -s sets it; 0: that of the test
-  unsigned user = 0;                                             ///< who runs it; 0: the one who runs the test
   rlim_t cpu_seconds = kSanitized ? 1200 : 400;                  ///< far beyond what any takes on a slow machine
   unsigned seconds = kSanitized ? 1200 : 300;                    ///< on the clock, of a machine that has other work
   rlim_t memory = rlim_t{2} << 30U;                              ///< bytes of data; not under the thread sanitizer
@@ -101,12 +112,6 @@ public:
            static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec) < seconds) {
       ::usleep(1000);
     }
-  }
-
-  /// The limit of processor time [s] that it has been given, as the system tells it.
-  rlim_t cpu_limit() const {
-    rlimit limits{};
-    return ::prlimit(child_, RLIMIT_CPU, nullptr, &limits) == 0 ? limits.rlim_cur : RLIM_INFINITY;
   }
 
   /// The status that waitpid gives. The test fails where time ended the process.
@@ -182,8 +187,7 @@ private:
     redirect(surroundings_.err.c_str(), STDERR_FILENO);
     std::signal(SIGINT, SIG_DFL);  // which a shell's background jobs ignore
     set_limits();
-    // setuid itself would change the threads of the test.
-    if (::chdir(directory) != 0 || (surroundings_.user != 0 && ::syscall(SYS_setuid, surroundings_.user) != 0)) {
+    if (::chdir(directory) != 0) {
       ::_exit(126);
     }
     ::execve(argv[0], argv, variables);
@@ -275,6 +279,11 @@ protected:
     }
     process.expect_memory_sufficed(outcome.err);
     return outcome;
+  }
+
+  void succeed(const std::vector<std::string>& arguments) {
+    const Outcome outcome = run(arguments);
+    ASSERT_EQ(outcome.status, 0) << ::testing::PrintToString(arguments) << outcome.err;
   }
 
   nlohmann::json run_json(const std::vector<std::string>& arguments) {

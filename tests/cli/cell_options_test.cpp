@@ -7,6 +7,7 @@
 #include <Eigen/Dense>
 #include <limits>
 
+#include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
@@ -188,20 +189,20 @@ TEST(CellOptions, RangesThatAreNoneAreRefusedWithWhatWasExpected) {
 TEST(CellOptions, EachOptionIsItsPartOfTheCell) {
   const Robot robot = fanuc();
   const cli::FacingTargets targets{.targets = targets_at({{0.1, 0.2, 0.3}}), .facing = {Vector3d(0.0, 1.0, 2.0)}};
-  const CellArguments arguments{.box = "1,-2,3,4,5,6.5",
-                                .least_height = 0.25,
-                                .least_radius = 0.75,
-                                .out_spheres = {"1,2,3,0.5", "-4,5,-6,0.25"},
-                                .out_boxes = {"0,0,0,1,1,1", "-1,-2,-3,1,2,3"},
-                                .clearance = 0.0625,
-                                .arm_radius = 0.125,
-                                .tool_radius = 0.03,
-                                .tracker = "7,-8,9",
-                                .distance_range = "1.5:6",
-                                .acceptance_deg = 30.0};
+  CLI::App app;
+  CellArguments arguments;
+  cli::add_cell_options(app, arguments);
+  std::vector<std::string> words = words_of(
+      "--box=1,-2,3,4,5,6.5 --least-height=0.25 --least-radius=0.75 --keep-out-sphere=1,2,3,0.5 "
+      "--keep-out-sphere=-4,5,-6,0.25 --keep-out-box=0,0,0,1,1,1 --keep-out-box=-1,-2,-3,1,2,3 --clearance=0.0625 "
+      "--arm-radius=0.125 --tool-radius=0.03 --tracker=7,-8,9 --distance-range=1.5:6 --acceptance-angle=30 "
+      "--joint-range=joint_1=-10:20 --joint-range=joint_2+joint_3=-30:40");
+  std::reverse(words.begin(), words.end());  // as CLI11 wants them
+  app.parse(words);
   const Cell cell = cell_of(arguments, robot, nullptr, targets);
-  EXPECT_EQ(cell.ranges, limits_of(robot.joints));
-  EXPECT_THAT(cell.sums, IsEmpty());
+  EXPECT_NEAR(cell.ranges[0].second, 20.0 * kDegree, 1e-15);
+  ASSERT_EQ(cell.sums.size(), 1U);
+  EXPECT_NEAR(cell.sums[0].upper, 40.0 * kDegree, 1e-15);
   EXPECT_EQ(cell.box.lower, Vector3d(1.0, -2.0, 3.0));
   EXPECT_EQ(cell.box.upper, Vector3d(4.0, 5.0, 6.5));
   EXPECT_EQ(cell.height, 0.25);
@@ -232,6 +233,8 @@ TEST(CellOptions, EachOptionIsItsPartOfTheCell) {
   EXPECT_THAT(cell.facing, ElementsAre(Vector3d(0.0, 1.0, 2.0)));
 
   const Cell open = cell_of({}, robot);
+  EXPECT_EQ(open.ranges, limits_of(robot.joints));
+  EXPECT_THAT(open.sums, IsEmpty());
   EXPECT_EQ(open.box.lower, Vector3d::Constant(-kInfinity));
   EXPECT_FALSE(open.height || open.radius || open.clearance || open.tracker);
   const Tracker seen = *cell_of({.arm_radius = 0.1, .tracker = "1,2,3", .distance_range = ":5"}, robot).tracker;
@@ -258,11 +261,7 @@ TEST(CellOptions, TheBodyCountsWhereAnythingIsKeptClearOfIt) {
 
 TEST(CellOptions, LinksWithoutAShapeAreNamedButForTheTip) {
   const Robot robot = parse_robot(kNamesakes);
-  const auto warning = [&](const CellArguments& arguments) {
-    ::testing::internal::CaptureStderr();
-    cell_of(arguments, robot);
-    return ::testing::internal::GetCapturedStderr();
-  };
+  const auto warning = [&](const CellArguments& arguments) { return said_by([&] { cell_of(arguments, robot); }); };
   EXPECT_EQ(warning({.clearance = 0.1}),
             "kdlcal: warning: links without boxes, cylinders or spheres are not kept clear of anything: a, b; "
             "--arm-radius gives all links a shape\n");
@@ -319,31 +318,6 @@ TEST(CellOptions, TargetsMayFaceADirection) {
               "t.json: targets[1]: facing: expected three numbers that are not all zero")
         << wrong;
   }
-}
-
-TEST(CellOptions, OfTheCommandLineFillTheArguments) {
-  CLI::App app;
-  CellArguments arguments;
-  cli::add_cell_options(app, arguments);
-  std::vector<std::string> words = {"--joint-range=a=1:2",  "--joint-range=b=3:4",     "--box=1,2,3,4,5,6",
-                                    "--least-height=-0.5",  "--least-radius=0.6",      "--keep-out-sphere=1,2,3,4",
-                                    "--keep-out-box=1,2,3", "--keep-out-box=4,5,6",    "--clearance=0.7",
-                                    "--arm-radius=0.8",     "--tool-radius=0.9",       "--tracker=7,8,9",
-                                    "--distance-range=1:2", "--acceptance-angle=179.5"};
-  std::reverse(words.begin(), words.end());  // as CLI11 wants them
-  app.parse(words);
-  EXPECT_THAT(arguments.joint_ranges, ElementsAre("a=1:2", "b=3:4"));
-  EXPECT_EQ(arguments.box, "1,2,3,4,5,6");
-  EXPECT_EQ(arguments.least_height, -0.5);
-  EXPECT_EQ(arguments.least_radius, 0.6);
-  EXPECT_THAT(arguments.out_spheres, ElementsAre("1,2,3,4"));
-  EXPECT_THAT(arguments.out_boxes, ElementsAre("1,2,3", "4,5,6"));
-  EXPECT_EQ(arguments.clearance, 0.7);
-  EXPECT_EQ(arguments.arm_radius, 0.8);
-  EXPECT_EQ(arguments.tool_radius, 0.9);
-  EXPECT_EQ(arguments.tracker, "7,8,9");
-  EXPECT_EQ(arguments.distance_range, "1:2");
-  EXPECT_EQ(arguments.acceptance_deg, 179.5);
 }
 
 }  // namespace

@@ -27,10 +27,8 @@ protected:
   // says.
   void SetUp() override {
     CommandLine::SetUp();
-    ASSERT_EQ(run({"simulate", "--configurations", "60", "--noise", "3e-5", "--length-sigma", "0.001", "--angle-sigma",
-                   "0.001", "--output", "all.csv"})
-                  .status,
-              0);
+    succeed(words_of(
+        "simulate --configurations 60 --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output all.csv"));
     std::vector<std::vector<std::string>> rows = cells_of(text_of("all.csv"));
     const auto joint =
         static_cast<std::size_t>(std::find(rows[0].begin(), rows[0].end(), "joint_2[rad]") - rows[0].begin());
@@ -45,10 +43,8 @@ protected:
     }
     for (const auto& [name, text] : {std::pair{"a", a}, std::pair{"b", b}}) {
       write(name + std::string(".csv"), text);
-      ASSERT_EQ(run({"calibrate", "--measurements", name + std::string(".csv"), "--effects", "none", "--prior", "none",
-                     "--result", name + std::string(".json")})
-                    .status,
-                0);
+      succeed({"calibrate", "--measurements", name + std::string(".csv"), "--effects", "none", "--prior", "none",
+               "--result", name + std::string(".json")});
     }
   }
 };

@@ -30,9 +30,8 @@ protected:
   void SetUp() override {
     CommandLine::SetUp();
     write_once("result", [this] {
-      ASSERT_EQ(run(words_of("simulate --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output m.csv")).status,
-                0);
-      ASSERT_EQ(run(words_of("calibrate --measurements m.csv --effects none --prior none --result r.json")).status, 0);
+      succeed(words_of("simulate --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output m.csv"));
+      succeed(words_of("calibrate --measurements m.csv --effects none --prior none --result r.json"));
     });
     write("IN.LS", program("UF : 0, UT : 0", Vector3d(1500, 0, 360)));
   }
@@ -61,7 +60,7 @@ TEST_F(ProgramFiles, KeepEverythingButTheNumbersBesideARecord) {
 }
 
 TEST_F(ProgramFiles, OfACompensatedProgramAndAnotherRobotAreRefused) {
-  ASSERT_EQ(run(kCompensate).status, 0);
+  succeed(kCompensate);
   Words again = kCompensate + Words{"--force"};
   again[4] = "OUT.LS";
   again[6] = "OUT2.LS";
@@ -74,10 +73,7 @@ TEST_F(ProgramFiles, OfACompensatedProgramAndAnotherRobotAreRefused) {
                "<link name='plate'/><joint name='plate' type='fixed'><parent link='flange'/><child link='plate'/>"
                "</joint></robot>");
   write("other.urdf", urdf);
-  ASSERT_EQ(
-      run(words_of("calibrate --urdf other.urdf --measurements m.csv --effects none --prior none --result o.json"))
-          .status,
-      0);
+  succeed(words_of("calibrate --urdf other.urdf --measurements m.csv --effects none --prior none --result o.json"));
   Words other = kCompensate + Words{"--force", "--urdf", "other.urdf"};
   other[2] = "o.json";
   expect_refused(other, {"other.urdf", "--controller"});

@@ -70,8 +70,8 @@ TEST_F(ExportOfKdlcal, IsTheCalibratedArmInEveryFormat) {
 }
 
 TEST_F(ExportOfKdlcal, SaysThatEffectsAreMissing) {
-  const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--effects", "gain", "--prior", "none",
-                               "--result", "r.json", "--force"});
+  const Outcome outcome =
+      run(words_of("calibrate --measurements m.csv --effects gain --prior none --result r.json --force"));
   ASSERT_NE(outcome.status, 2) << outcome.err;
   const std::string note = "Effects were found. This is the geometry of a rigid arm, fitted without them.";
   for (const std::string format : {"dh", "mdh", "xacro-yaml", "csv"}) {
@@ -107,10 +107,7 @@ TEST_F(ExportOfKdlcal, OfAUniversalRobotIsItsDescription) {
   EXPECT_EQ(run({"import", "--ur-calibration", "calibration.conf", "--urdf", "ur10.urdf", "--output", "u.urdf"}).out,
             "Written: u.urdf\n");
   EXPECT_EQ(text_of("u.urdf"), imported.out);
-  ASSERT_EQ(run({"simulate", "--urdf", "ur10c.urdf", "--length-sigma", "0", "--angle-sigma", "0", "--output", "u.csv",
-                 "--truth", "t.json"})
-                .status,
-            0);
+  succeed(words_of("simulate --urdf ur10c.urdf --length-sigma 0 --angle-sigma 0 --output u.csv --truth t.json"));
   const Outcome outcome = run({"calibrate", "--urdf", "ur10.urdf", "--measurements", "u.csv", "--result", "u.json"});
   ASSERT_NE(outcome.status, 2) << outcome.err;
   const Outcome yaml =

@@ -45,6 +45,36 @@ TEST(FramesInFiles, GoIntoJsonAndBack) {
   EXPECT_EQ(cli::json_text({{"a", Json::array({1, "\xff"})}}), "{\n  \"a\": [\n    1,\n    \"\xef\xbf\xbd\"\n  ]\n}\n");
 }
 
+TEST(FramesInFiles, OfTheWrongFormAreRefusedWithFileAndKey) {
+  const std::string of_target = R"({"targets": [{"name": "A", "position": [0, 0, 0]}, )";
+  for (const auto& [text, words] : std::vector<std::pair<std::string, std::string>>{
+           {"{\n\"base\": oops}", "f.json:2: malformed JSON"},
+           {"{}", "position"},
+           {R"({"position": [1, 2], "quaternion_wxyz": [1, 0, 0, 0]})",
+            "f.json: position: expected an array of 3 numbers"},
+           {R"({"base": {"position": [1, 2, 3], "quaternion_wxyz": [1, 1, 0, 0]}})",
+            "f.json: base: quaternion_wxyz: expected a quaternion of norm 1"},
+           {R"({"position": [0, 0, 0], "quaternion_wxyz": [1.0011, 0, 0, 0]})", "norm 1"},
+           {R"({"position": [0, 0, 0], "quaternion_wxyz": [0.9989, 0, 0, 0]})", "norm 1"},
+           {R"({"position": [1e999, 2, 3], "quaternion_wxyz": [1, 0, 0, 0]})", "f.json"},
+           {R"({"position": ["1", 2, 3], "quaternion_wxyz": [1, 0, 0, 0]})",
+            "f.json: position[0]: expected a finite "}}) {
+    EXPECT_THAT(refusal([&, given = text] { cli::base_of(cli::json_of(given, "f.json"), "f.json"); }),
+                HasSubstr(words));
+  }
+  for (const auto& [text, words] : std::vector<std::pair<std::string, std::string>>{
+           {"{}", "targets"},
+           {of_target + R"({"position": [0, 0, 0]}]})", "targets[1]: the key \"name\" is missing"},
+           {of_target + R"({"name": "A", "position": [0, 0, 0]}]})", "targets[1]: target 'A' is there twice"}}) {
+    EXPECT_THAT(refusal([&, given = text] { cli::targets_of(cli::json_of(given, "f.json"), "f.json"); }),
+                HasSubstr(words));
+  }
+  for (const char* rounded : {"1.0009", "0.9991"}) {
+    const std::string text = R"({"position": [0, 0, 0], "quaternion_wxyz": [)" + std::string(rounded) + ", 0, 0, 0]}";
+    EXPECT_TRUE(cli::base_of(cli::json_of(text, "f.json"), "f.json").isApprox(Eigen::Isometry3d::Identity(), 1e-15));
+  }
+}
+
 TEST(FramesInFiles, ATruthOfAnotherRobotIsRefusedFromANanometreOn) {
   const ErrorModel model = complete_model(fanuc());
   const double nominal = model.parameters[parameter_index(model, "Tz2")].nominal;

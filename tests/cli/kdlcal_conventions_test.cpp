@@ -11,9 +11,6 @@
 namespace kdl_calibration::testing::kdlcal_conventions_test {
 namespace {
 
-using ::testing::HasSubstr;
-using ::testing::Not;
-
 std::string text_of_number(double value) { return Json(value).dump(); }
 
 /// "v1,v2,..." of these values.
@@ -87,23 +84,6 @@ TEST_F(Conventions, FitWhatTheUrdfsValuesGive) {
   }
 }
 
-TEST_F(Conventions, AreThoseOfWhatIsValidated) {
-  const Json expected = json({"validate", "--measurements", "m.csv", "--json"});
-  for (const std::string file : {"c.csv", "degrees.csv"}) {
-    expect_near(expected, json(Words{"validate", "--measurements", file, "--json"} + with), 1e-12, file);
-  }
-}
-
-TEST_F(Conventions, TurnTheFlangeAndTheAxesAlike) {
-  const Eigen::VectorXd q = Eigen::Matrix<double, 6, 1>(0.3, -0.2, 0.5, 1.0, -1.0, 2.0);
-  for (const std::string subcommand : {"fk", "jacobian"}) {
-    const Json expected = json({subcommand, "--json", "--joints", list_of(q)});
-    expect_near(expected, json(Words{subcommand, "--json", "--joints", list_of(controller_of(q))} + with), 1e-12);
-    const std::string degrees = list_of(controller_of(q) / kDegree);
-    expect_near(expected, json(Words{subcommand, "--json", "--degrees", "--joints", degrees} + with), 1e-12);
-  }
-}
-
 // ---- plan ----------------------------------------------------------------------------------------------------------
 
 const Words kSmallPlan = {"plan", "--configurations", "10", "--candidates", "60", "--workspace", "20", "--starts", "1"};
@@ -131,11 +111,6 @@ protected:
 
 constexpr double kTenth = 0.1 / kDegree;  // of a radian
 
-TEST_F(PlannedConventions, HomeIsTheControllers) {
-  const Eigen::VectorXd q = Eigen::Matrix<double, 6, 1>(90.0, 30.0, -20.0, 10.0, -90.0, 170.0) * kDegree;
-  expect_same_plan({"--home", list_of(controller_of(q) / kDegree)}, {"--home", list_of(q / kDegree)});
-}
-
 TEST_F(PlannedConventions, FilesAreTheControllers) {
   const Measurements tasks = parse_configurations(
       "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0.1,0.2,0.3,0.4,0.5,0.6\n-0.1,0.3,0,0.2,1,-2\n",
@@ -148,44 +123,6 @@ TEST_F(PlannedConventions, FilesAreTheControllers) {
     {"name": "C", "position": [0.1, 0, 0.1]}]})");
   expect_same_plan({"--tasks", "tasks_c.csv", "--measured", "c.csv", "--target-file", "t.json"},
                    {"--tasks", "tasks.csv", "--measured", "m.csv", "--target-file", "t.json"});
-}
-
-TEST_F(PlannedConventions, ThePlanIsDrivenWhereItWasPlanned) {
-  const Json plan = json(kSmallPlan + Words{"--output", "plan.csv", "--json"} + with);
-  std::istringstream lines(text_of("plan.csv"));
-  std::size_t row = 0;
-  for (std::string line; std::getline(lines, line);) {
-    if (line.empty() || line.front() == '#' || line.find("configuration") == 0) {
-      continue;
-    }
-    // configuration,target,A6[deg] ... A1[deg]; three rows of each configuration
-    std::istringstream fields(line);
-    std::string field;
-    std::getline(fields, field, ',');
-    std::getline(fields, field, ',');
-    Eigen::VectorXd driven(6);
-    for (double& value : driven) {
-      std::getline(fields, field, ',');
-      value = std::stod(field) * kDegree;
-    }
-    const std::vector<double> joints = plan["configurations"].at(row / 3)["joints"];
-    const Eigen::VectorXd expected = controller_of(Eigen::Map<const Eigen::VectorXd>(joints.data(), 6));
-    EXPECT_LT((driven - expected).cwiseAbs().maxCoeff(), 1e-10) << line;
-    ++row;
-  }
-  EXPECT_EQ(row, 30U);
-
-  ASSERT_EQ(run(Words{"simulate", "--plan", "plan.csv", "--noise", "1e-5", "--output", "driven.csv"} + with).status, 0);
-  const JointConvention coupled = read_joint_convention(directory / "coupled.json");
-  const Measurements driven = read_measurements(directory / "driven.csv", joint_names(fanuc()), &coupled);
-  for (std::size_t c = 0; c < 10; ++c) {
-    const std::vector<double> joints = plan["configurations"][c]["joints"];
-    EXPECT_LT(
-        (driven.joint_values.col(static_cast<Eigen::Index>(c)) - Eigen::Map<const Eigen::VectorXd>(joints.data(), 6))
-            .cwiseAbs()
-            .maxCoeff(),
-        1e-10);
-  }
 }
 
 // ---- A slide -------------------------------------------------------------------------------------------------------
@@ -214,11 +151,6 @@ TEST_F(SlideConventions, HomeOfASlideIsInMillimetresWhereverTheControllerCountsI
                    {"--urdf", "odd.urdf", "--home", "30,250,10,20,-20"});
 }
 
-TEST_F(SlideConventions, TheUnitsOfAPlanFollowTheControllersJoints) {
-  ASSERT_EQ(run(kSmallPlan + Words{"--urdf", "odd.urdf", "--output", "plan.csv"} + with).status, 0);
-  EXPECT_THAT(text_of("plan.csv"), HasSubstr("S[mm],K[deg],T[deg],E[deg],W[deg]"));
-}
-
 // ---- Names that both sides use -------------------------------------------------------------------------------------
 
 TEST_F(PlannedConventions, NamesThatBothSidesUseAreTheControllers) {
@@ -231,35 +163,6 @@ TEST_F(PlannedConventions, NamesThatBothSidesUseAreTheControllers) {
 }
 
 // ---- A wrong one ---------------------------------------------------------------------------------------------------
-
-TEST_F(Conventions, TheRightOneIsNamedWhereAnOffsetHasTheWrongSign) {
-  std::string wrong = kFanucCoupled;
-  const std::string offset = "-0.4, 0.5";
-  wrong.replace(wrong.find(offset), offset.size(), "0.4, 0.5");
-  write("wrong.json", wrong);
-  const Outcome outcome = run({"validate", "--measurements", "c.csv", "--joint-convention", "wrong.json"});
-  EXPECT_EQ(outcome.status, 1) << outcome.err;
-  EXPECT_THAT(outcome.err, HasSubstr("coupled.json"));
-  const Outcome right = run(Words{"validate", "--measurements", "c.csv"} + with);
-  EXPECT_EQ(right.status, 0);
-  EXPECT_THAT(right.err, Not(HasSubstr("coupled.json")));
-
-  // A fit finds the offset as one of joint 4: what was read is 0.8 rad more than what was meant. No robot is off by
-  // that.
-  const auto joint_4 = [&](const std::string& convention, int status) {
-    const Outcome fitted = run({"calibrate", "--measurements", "c.csv", "--json", "--joint-convention", convention,
-                                "--effects", "none", "--prior", "none"});
-    EXPECT_EQ(fitted.status, status) << fitted.err;
-    const Json result = Json::parse(fitted.out);
-    for (const Json& parameter : result["parameters"]) {
-      if (parameter["name"] == "dq4") {
-        return parameter["error"].get<double>();
-      }
-    }
-    return 0.0;
-  };
-  EXPECT_NEAR(joint_4("wrong.json", 1) - joint_4("coupled.json", 0), -0.8, 1e-6);
-}
 
 }  // namespace
 }  // namespace kdl_calibration::testing::kdlcal_conventions_test

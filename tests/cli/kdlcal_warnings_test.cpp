@@ -63,10 +63,6 @@ protected:
 
 // ---- calibrate -----------------------------------------------------------------------------------------------------
 
-const std::string kNotConverged =
-    "the fit did not converge: the parameters were still changing at the limit of iterations .1 in all.; .* "
-    R"(\(--iterations sets their number\))";
-const std::string kFoldsDidNot = "20 of 20 leave-one-out fits did not converge";
 const std::string kFileDoesNotSaySo =
     R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
 const std::string kHint =
@@ -85,10 +81,10 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
 TEST_F(CommandLineWarnings, OffsetsForMasteringAreThoseOfTheControllersJoints) {
   const auto calibrated = [&](const Eigen::MatrixXd& q, const Arguments& more) {
     write("pendant.csv", controller_csv(at(q), kPendant));
-    Arguments words = {
-        "calibrate", "--measurements", "pendant.csv", "--joint-convention", kPendant, "--json", "--effects",
-        "none",      "--prior",        "none"};
-    words.insert(words.end(), more.begin(), more.end());
+    Arguments words =
+        Words{"calibrate", "--measurements", "pendant.csv", "--joint-convention", kPendant, "--json", "--effects",
+              "none",      "--prior",        "none"} +
+        more;
     return nlohmann::json::parse(run(words).out);
   };
   Eigen::VectorXd& errors = experiment.robot.truth.errors;
@@ -136,29 +132,6 @@ TEST_F(CommandLineWarnings, CalibrateTrustsWhereItWasMeasuredAndNamesWhatIsNotDe
   EXPECT_EQ(nlohmann::json::parse(outcome.out)["termination"], "rank_deficient");
 }
 
-TEST_F(CommandLineWarnings, CalibrateDoubtsAMisfitThatNoGeometryExplains) {
-  Eigen::MatrixXd off = measured.joint_values;
-  off.row(2).array() += 0.05 * (2.0 * off.row(2).array()).sin();
-  Measurements misfit = at(off);
-  misfit.joint_values = measured.joint_values;
-  write("m.csv", measurements_csv(misfit));
-  const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--output", "c.urdf"});
-  EXPECT_EQ(outcome.status, 1);
-  EXPECT_THAT(outcome.err, ::testing::HasSubstr("is left, and an arm with a reach of 2.902 m"));
-  EXPECT_THAT(lines_of(outcome.err).back(), MatchesRegex(kWarning + kFileDoesNotSaySo));
-}
-
-TEST_F(CommandLineWarnings, CalibrateKeepsTheNominalRobotWhereNothingIsGained) {
-  experiment.robot.truth.errors.setZero();
-  write("m.csv", measurements_csv(at(measured.joint_values)));
-  expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--effects", "none", "--prior", "none"}, 1,
-         {kFileDoesNotSaySo},
-         {"the calibrated robot is no better than the nominal one at configurations that were not fitted "
-          "\\(leave-one-out\\): [0-9.e-]+ mm against [0-9.e-]+ mm; .*",
-          "the calibration does not help: the nominal robot is kept, and the URDF to write is the one that was read"});
-  EXPECT_TRUE(text_of("c.urdf") == content(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf"));
-}
-
 TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
   write("serial.csv", controller_csv(measured, kSerial));
   const Outcome outcome = run({"calibrate", "--measurements", "serial.csv", "--joint-convention", kPendant, "--output",
@@ -190,8 +163,8 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheOptionThatReadsJointValuesInAnother
     Measurements spoilt = measured;
     spoil(spoilt);
     write("m.csv", measurements_csv(spoilt));
-    const Outcome outcome = run({"calibrate", "--measurements", "m.csv", "--effects", "none", "--prior", "none",
-                                 "--result", "r.json", "--force"});
+    const Outcome outcome =
+        run(words_of("calibrate --measurements m.csv --effects none --prior none --result r.json --force"));
     EXPECT_EQ(outcome.status, 1) << cause;
     std::vector<std::string> causes;
     const nlohmann::json result = json_of("r.json");
@@ -229,28 +202,6 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsARowThatSpoilsTheFitAndTellsHowToLeav
   const Outcome unknown = run({"calibrate", "--measurements", "m.csv", "--exclude", "14:Z"});
   EXPECT_EQ(unknown.status, 2);
   EXPECT_THAT(unknown.err, ::testing::HasSubstr("m.csv: '14:Z' cannot be left out"));
-}
-
-TEST_F(CommandLineWarnings, CalibrateStatesSingleFindingsWithoutDoubt) {
-  const auto calibrated = [&](const Measurements& measurements) {
-    write("m.csv", measurements_csv(measurements));
-    return Arguments{"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--force", "--effects", "none"};
-  };
-  Measurements precise = measured;
-  for (Observation& observation : precise.observations) {
-    observation.sigma = 1e-5;
-  }
-  expect(calibrated(precise), 0, {"the residuals are [0-9.]+ times the stated noise; .*"});
-
-  Eigen::MatrixXd outside = measured.joint_values;
-  outside(1, 4) = *experiment.model.joints[1].upper + 0.1;
-  expect(calibrated(at(outside)), 0, {"1 of 20 configurations have joint values outside the limits of the URDF"});
-
-  Eigen::MatrixXd off = measured.joint_values;
-  off.row(2).array() += 0.001 * (2.0 * off.row(2).array()).sin();
-  Measurements misfit = at(off, {.sigma = 1e-5, .repeats = 3});
-  misfit.joint_values = measured.joint_values;
-  expect(calibrated(misfit), 0, {"lack of fit: the residuals are larger than the scatter of the repeats explains"});
 }
 
 // ---- validate ------------------------------------------------------------------------------------------------------
@@ -303,20 +254,6 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAnotherJointConvention) {
          {"flipped\\.csv: no train rows, .*", "as they were read .* with joint_2 with the opposite sign it is .*"});
 }
 
-TEST_F(CommandLineWarnings, ValidateStatesTheMisfitOfBothReadings) {
-  write("m.csv", measurements_csv(measured));
-  const double right = run_json({"validate", "--measurements", "m.csv", "--json"})["position_error"]["all"]["rms"];
-  measured.joint_values.row(1) *= -1.0;
-  write("flipped.csv", measurements_csv(measured));
-  const Outcome flipped = run({"validate", "--measurements", "flipped.csv", "--json"});
-  const double wrong = nlohmann::json::parse(flipped.out)["position_error"]["all"]["rms"];
-  std::smatch numbers;
-  ASSERT_TRUE(std::regex_search(flipped.err, numbers, std::regex("a misfit of ([0-9.]+) mm .*; .* is ([0-9.]+) mm;")))
-      << flipped.err;
-  EXPECT_NEAR(std::stod(numbers[1]), wrong * 1e3, 0.01 * wrong * 1e3);
-  EXPECT_LT(std::stod(numbers[2]), 0.1 * right * 1e3);  // with the geometry fitted
-}
-
 TEST_F(CommandLineWarnings, ValidateSaysWhereBaseAndTargetsTookAQuarterOfTheCoordinates) {
   // Two targets and the base are 12 unknowns, six coordinates come with each configuration.
   std::string heading;  // of the table
@@ -324,8 +261,7 @@ TEST_F(CommandLineWarnings, ValidateSaysWhereBaseAndTargetsTookAQuarterOfTheCoor
     write("m.csv", measurements_csv(subset(measured, [=](const Observation& o) {
             return o.configuration < configurations && o.target < 2;
           })));
-    Arguments words = {"validate", "--measurements", "m.csv"};
-    words.insert(words.end(), more.begin(), more.end());
+    Arguments words = Words{"validate", "--measurements", "m.csv"} + more;
     const Outcome outcome = run(words);
     heading = lines_of(outcome.out).at(0);
     heading.erase(0, heading.rfind(", ") + 2);
@@ -348,34 +284,19 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAMisfitOfATenthOfTheArm) {
   for (const MovingJoint& joint : experiment.model.joints) {
     reach += joint.origin.p.Norm();
   }
-  const Eigen::VectorXd none = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(experiment.model.parameters.size()));
   Random random(8);
-  Measurements exact = at(measured.joint_values, {});
-  std::vector<Eigen::Vector3d> scatter(exact.observations.size());
-  for (Eigen::Vector3d& point : scatter) {
-    point = {random.normal(), random.normal(), random.normal()};
-  }
-  // What base and targets leave of the scatter grows nearly with it.
-  double size = 0.2;
-  const auto scattered = [&] {
-    Measurements result = exact;
-    for (std::size_t row = 0; row < scatter.size(); ++row) {
-      result.observations[row].position += size * scatter[row];
+  const Measurements exact = at(measured.joint_values, {});
+  for (const double share : {0.08, 0.14}) {
+    Measurements scattered = exact;
+    for (Observation& observation : scattered.observations) {
+      observation.position +=
+          share * reach / std::sqrt(3.0) * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
     }
-    return result;
-  };
-  for (const double share : {0.098, 0.102}) {
-    double rms = 0.0;
-    for (int i = 0; i < 8; ++i) {
-      const Measurements now = scattered();
-      const Estimate estimate = registered(experiment.model, none, now);
-      rms = error_statistics(position_errors(experiment.model, estimate, now)).rms;
-      size *= share * reach / rms;
-    }
-    ASSERT_NEAR(rms / reach, share, 0.001);
-    write("m.csv", measurements_csv(scattered()));
-    const Outcome outcome = run({"validate", "--measurements", "m.csv"});
+    write("m.csv", measurements_csv(scattered));
+    const Outcome outcome = run({"validate", "--measurements", "m.csv", "--json"});
+    const double rms = nlohmann::json::parse(outcome.out)["position_error"]["all"]["rms"];
     const bool absurd = share > 0.1;
+    ASSERT_EQ(rms > 0.1 * reach, absurd);
     EXPECT_EQ(outcome.status, absurd ? 1 : 0) << share << outcome.err;
     EXPECT_EQ(outcome.err.find("is more than geometric errors explain; are units, signs and order of the joints "
                                "right?") != std::string::npos,
@@ -386,23 +307,11 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAMisfitOfATenthOfTheArm) {
 
 // ---- fk, jacobian, plan --------------------------------------------------------------------------------------------
 
-TEST_F(CommandLineWarnings, KinematicsNameTheJointsOutsideTheirLimits) {
-  const auto joints = [&](double beyond) {
-    return nlohmann::json(*experiment.model.joints[1].upper + beyond).dump() + "," +
-           nlohmann::json(*experiment.model.joints[2].lower - beyond).dump();
-  };
-  for (const char* subcommand : {"fk", "jacobian"}) {
-    expect({subcommand, "--joints", "0," + joints(0.0) + ",0,0,0"}, 0, {});
-    expect({subcommand, "--joints", "0," + joints(0.01) + ",0,0,0"}, 0,
-           {"joint values outside the limits of the URDF \\(2 of 6\\): joint_2, joint_3"});
-  }
-}
-
 TEST_F(CommandLineWarnings, AResultThatIsNotToBeTrustedIsDoubtedWhereItIsUsed) {
-  for (const Arguments& command : {Arguments{"fk", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
-                                   Arguments{"jacobian", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
-                                   Arguments{"plan", "--result", "r.json", "--configurations", "15", "--workspace",
-                                             "20", "--starts", "1", "--candidates", "60"}}) {
+  for (const Arguments& command :
+       {Arguments{"fk", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
+        Arguments{"jacobian", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
+        words_of("plan --result r.json --configurations 15 --workspace 20 --starts 1 --candidates 60")}) {
     const auto result = [&](const std::string& judgement) {
       write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}])" + judgement + "}");
       return run(command).err;
@@ -414,25 +323,6 @@ TEST_F(CommandLineWarnings, AResultThatIsNotToBeTrustedIsDoubtedWhereItIsUsed) {
     EXPECT_EQ(result(R"(, "trusted": true, "doubts": [])"), without);
     EXPECT_THAT(without, ::testing::Not(::testing::HasSubstr("trusted")));
   }
-}
-
-TEST_F(CommandLineWarnings, PlanNamesTheLinksThatNothingIsKeptClearOf) {
-  std::string urdf = kOddArm;
-  urdf.replace(urdf.find("<link name=\"c\"/>"), 16,
-               R"(<link name="c"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>)");
-  write("arm.urdf", urdf);
-  const Arguments plan = {"plan", "--urdf",   "arm.urdf", "--configurations", "15",    "--workspace",
-                          "20",   "--starts", "1",        "--clearance",      "0.001", "--candidates",
-                          "60",   "--output", "plan.csv", "--force"};
-  const Outcome outcome = run(plan);
-  EXPECT_EQ(outcome.status, 0) << outcome.err;
-  EXPECT_EQ(outcome.err,
-            kWarning +
-                "links without boxes, cylinders or spheres are not kept clear of anything: world, a, b, bracket, "
-                "d, e; --arm-radius gives all links a shape\n");
-  Arguments with_radius = plan;
-  with_radius.insert(with_radius.end(), {"--arm-radius", "0.01"});
-  EXPECT_EQ(run(with_radius).err, "");
 }
 
 }  // namespace

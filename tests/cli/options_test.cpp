@@ -35,7 +35,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
-using Words = std::vector<std::string>;
 
 TEST(OptionValues, ValuesOfOptionsAreTakenUpToTheirBounds) {
   const auto taken = [](const CLI::Validator& validator, std::string value) { return validator(value); };
@@ -196,8 +195,7 @@ TEST_F(OptionsWithFiles, ConventionsAtHandStandBesideTheGivenOneAndTheRobotsOfKd
   write("beside.json", text);
   write("beside.txt", text);
   write("other.json", "{}");
-  Words with_both = at_home;
-  with_both.insert(with_both.end(), {path("beside.json"), path("given.json")});
+  Words with_both = at_home + Words{path("beside.json"), path("given.json")};
   const cli::MeasurementArguments arguments{.joint_convention = path("given.json")};
   EXPECT_THAT(names(cli::conventions_at_hand(arguments)), ::testing::UnorderedElementsAreArray(with_both));
   EXPECT_EQ(cli::convention_of(arguments.joint_convention)->matrix(0, 0), -1.0);
@@ -236,9 +234,8 @@ class ExactLimits : public CommandLine {
 protected:
   /// The command takes all these options, "--name=value": what fails is the robot, which is read later.
   void accepts(const Words& command, const Words& options) {
-    Words words = command;
-    words.insert(words.end(), options.begin(), options.end());
-    words.insert(words.end(), {"--urdf", "none.urdf"});
+    Words words = command + options;
+    words = words + Words{"--urdf", "none.urdf"};
     const Outcome outcome = run(words);
     EXPECT_EQ(outcome.status, 2);
     EXPECT_THAT(outcome.err, AllOf(HasSubstr("none.urdf"), Not(HasSubstr("--")))) << ::testing::PrintToString(options);
@@ -246,8 +243,7 @@ protected:
 
   void refuses(const Words& command, const std::string& option, const Words& values) {
     for (const std::string& value : values) {
-      Words words = command;
-      words.insert(words.end(), {option + "=" + value, "--urdf", "none.urdf"});
+      Words words = command + Words{option + "=" + value, "--urdf", "none.urdf"};
       expect_refused(words, {option, "'" + value + "'", "expected"});
     }
   }
@@ -315,8 +311,9 @@ TEST_F(ExactLimits, OfSigmas) {
   sigmas({"simulate"},
          {"--noise", "--orientation-noise", "--length-sigma", "--angle-sigma", "--base-sigma", "--target-sigma"});
   sigmas({"simulate"}, {"--angle-sigma-deg"});  // instead of another
-  sigmas({"calibrate", "--measurements", "m.csv"}, {"--prior-length", "--prior-angle", "--noise-independent",
-                                                    "--noise-common", "--noise-tracker", "--orientation-sigma"});
+  sigmas(
+      {"calibrate", "--measurements", "m.csv"},
+      words_of("--prior-length --prior-angle --noise-independent --noise-common --noise-tracker --orientation-sigma"));
   sigmas({"plan"}, {"--configuration-noise", "--prior-length", "--prior-angle", "--noise-tracker"});
 }
 
@@ -333,8 +330,8 @@ TEST_F(ExactLimits, OfLengthsAndAnglesInPlans) {
 }
 
 TEST_F(ExactLimits, OfSimulatedRows) {
-  const Words simulate = {"simulate", "--configurations",     "99999", "--repeats", "100", "--targets", "1", "--plan",
-                          "none.csv", "--test-configurations"};
+  const Words simulate =
+      words_of("simulate --configurations 99999 --repeats 100 --targets 1 --plan none.csv --test-configurations");
   const auto with = [&](const std::string& test) {
     Words words = simulate;
     words.push_back(test);
@@ -394,7 +391,7 @@ std::string targets_json(int count) {
 }
 
 TEST_F(ExactLimits, OfKnownTargetsAre100) {
-  ASSERT_EQ(run({"simulate", "--configurations", "4", "--output", "m.csv"}).status, 0);
+  succeed({"simulate", "--configurations", "4", "--output", "m.csv"});
   const Words validate = {"validate", "--measurements", "m.csv", "--known-targets", "t.json"};
   write("t.json", targets_json(100));
   expect_refused(validate, {"t.json: targets: none was measured", "A, B, C"});
@@ -405,22 +402,6 @@ TEST_F(ExactLimits, OfKnownTargetsAre100) {
 // ---- Readers -------------------------------------------------------------------------------------------------------
 // Other limits of theirs stand in measurements_test.cpp and robot_test.cpp.
 
-const Words kTwo = {"a", "b"};
-const std::string kTaken = "nothing was refused";
-
-std::string measured(const std::string& header, const std::string& row) {
-  return refusal([&] { parse_measurements("configuration,target,a,b,x,y,z" + header + "\n" + row + "\n", kTwo); });
-}
-
-TEST(ExactLimitsOfReaders, NumbersReach1e12) {
-  for (const std::string sign : {"", "-"}) {
-    EXPECT_EQ(measured("", "1,A,0,0,1," + sign + "1e12,3"), kTaken);
-    EXPECT_THAT(measured("", "1,A,0,0,1," + sign + "1000000000000.001,3"), HasSubstr("at most 1e12"));
-    EXPECT_EQ(measured("", "1,A,0," + sign + "1e12,1,2,3"), kTaken);
-    EXPECT_THAT(measured("", "1,A,0," + sign + "1000000000000.001,1,2,3"), HasSubstr("at most 1e12"));
-  }
-}
-
 TEST(ExactLimitsOfReaders, ValuesInJsonStandInside100Others) {
   const auto nested = [](std::size_t depth) {  // inside arrays and the object
     const std::string inside = std::string(depth - 1, '[') + "0" + std::string(depth - 1, ']');
@@ -428,20 +409,6 @@ TEST(ExactLimitsOfReaders, ValuesInJsonStandInside100Others) {
   };
   EXPECT_THAT(nested(100), Not(HasSubstr("deeper")));
   EXPECT_THAT(nested(101), HasSubstr("nested deeper than the limit of 100"));
-}
-
-TEST(ExactLimitsOfReaders, OriginsReach1e12) {
-  const auto at = [](const std::string& x) {
-    return refusal([&] {
-      parse_robot(
-          "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><parent link='a'/>"
-          "<child link='b'/><origin xyz='" +
-          x + " 0 0'/></joint></robot>");
-    });
-  };
-  EXPECT_EQ(at("1e12"), kTaken);
-  EXPECT_EQ(at("-1e12"), kTaken);
-  EXPECT_THAT(at("1000000000000.001"), HasSubstr("1e12"));
 }
 
 }  // namespace

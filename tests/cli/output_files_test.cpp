@@ -208,10 +208,7 @@ protected:
   }
 
   static std::vector<std::string> simulate(const std::vector<std::string>& more = {}) {
-    std::vector<std::string> words = {"simulate", "--configurations", "20",    "--seed",  "7",     "--noise",
-                                      "0.00003",  "--output",         "m.csv", "--truth", "t.json"};
-    words.insert(words.end(), more.begin(), more.end());
-    return words;
+    return words_of("simulate --configurations 20 --seed 7 --noise 0.00003 --output m.csv --truth t.json") + more;
   }
 
   static std::string words_for(int error) { return std::generic_category().message(error); }
@@ -248,44 +245,18 @@ const std::vector<Place> kPlaces = {
     {"fsync", "1", "2"}, {"close", "3", "4"}, {"rename", "1", "2"},
 };
 
-TEST_F(Faults, NewFilesAreBothThereOrNone) {
-  for (const Place& place : kPlaces) {
-    expect_nothing_written(simulate(), {place.call, place.of_first, EACCES}, "--output", "m.csv");
-    expect_nothing_written(simulate(), {place.call, place.of_second, EIO}, "--truth", "t.json");
-  }
-  EXPECT_THAT(files(), IsEmpty());
-}
-
-TEST_F(Faults, OldFilesStayBothAsTheyWere) {
-  write("m.csv", "old measurements");
-  write("t.json", "old truth");
-  for (const Place& place : kPlaces) {
-    expect_nothing_written(simulate({"--force"}), {place.call, place.of_first, ENOSPC}, "--output", "m.csv");
-    expect_nothing_written(simulate({"--force"}), {place.call, place.of_second, EIO}, "--truth", "t.json");
-  }
-  EXPECT_EQ(files().size(), 2U);
-  EXPECT_EQ(text_of("m.csv"), "old measurements");
-  EXPECT_EQ(text_of("t.json"), "old truth");
-}
-
-TEST_F(Faults, OfAnOldAndANewFileTheOldOneStaysAndTheNewOneDoesNotCome) {
-  write("m.csv", "old measurements");
-  expect_nothing_written(simulate({"--force"}), {"rename", "2", EIO}, "--truth", "t.json");
-  std::filesystem::rename(directory / "m.csv", directory / "t.json");
-  expect_nothing_written(simulate({"--force"}), {"rename", "2", EIO}, "--truth", "t.json");
-  EXPECT_EQ(text_of("t.json"), "old measurements");
-}
-
-TEST_F(Faults, ACalibrationThatCannotBeWrittenLeavesTheOldOne) {
-  write("two.urdf", kTwoJoints);
-  ASSERT_EQ(run(simulate({"--urdf", "two.urdf"})).status, 0);
-  write("robot.urdf", "old robot");
-  write("result.json", "old result");
-  const std::vector<std::string> calibrate = {"calibrate", "--urdf",     "two.urdf", "--measurements", "m.csv",
-                                              "--output",  "robot.urdf", "--result", "result.json",    "--force"};
-  for (const Place& place : kPlaces) {
-    expect_nothing_written(calibrate, {place.call, place.of_first, ENOSPC}, "--output", "robot.urdf");
-    expect_nothing_written(calibrate, {place.call, place.of_second, ENOSPC}, "--result", "result.json");
+TEST_F(Faults, FilesAreBothTheNewOnesOrBothAsTheyWere) {
+  for (const std::vector<std::string>& old : {std::vector<std::string>{}, {"m.csv", "t.json"}, {"m.csv"}, {"t.json"}}) {
+    std::filesystem::remove(directory / "m.csv");
+    std::filesystem::remove(directory / "t.json");
+    for (const std::string& name : old) {
+      write(name, "old " + name);
+    }
+    for (const Place& place : kPlaces) {
+      expect_nothing_written(simulate({"--force"}), {place.call, place.of_first, EACCES}, "--output", "m.csv");
+      expect_nothing_written(simulate({"--force"}), {place.call, place.of_second, EIO}, "--truth", "t.json");
+    }
+    EXPECT_EQ(files().size(), old.size());
   }
 }
 
@@ -305,7 +276,7 @@ TEST_F(Faults, ADirectoryThatCannotBeFlushedIsNoFailure) {
   for (std::string& word : arguments) {  // so that the directory has a name
     word = word == "m.csv" || word == "t.json" ? (directory / word).string() : word;
   }
-  ASSERT_EQ(run(arguments).status, 0);
+  succeed(arguments);
   const auto expected = files();
   // Behind the probes and the temporary files; the second of these finds the first one's name taken.
   for (const auto& [call, number] : std::vector<std::pair<std::string, std::string>>{{"open", "6"}, {"fsync", "3"}}) {
@@ -402,9 +373,9 @@ TEST_F(ProgressBar, GrowsOnATerminalAndIsWipedAway) {
 }
 
 TEST_F(ProgressBar, ShowsTheShareOfAPlanThatIsDone) {
-  const std::string text = seen_on_a_terminal({"plan", "--configurations", "12", "--candidates", "60", "--workspace",
-                                               "20", "--starts", "4", "--monte-carlo", "2", "--threads", "1"},
-                                              hurried());
+  const std::string text = seen_on_a_terminal(
+      words_of("plan --configurations 12 --candidates 60 --workspace 20 --starts 4 --monte-carlo 2 --threads 1"),
+      hurried());
   const std::regex bar("\r([^\\[\r]*) \\[(#*)( *)\\] (\\d+) %\033\\[K");
   std::vector<std::string> shown;
   for (std::sregex_iterator at(text.begin(), text.end(), bar), end; at != end; ++at) {
@@ -419,8 +390,8 @@ TEST_F(ProgressBar, ShowsTheShareOfAPlanThatIsDone) {
 TEST_F(ProgressBar, StandsBesideDoubtsThatATerminalShowsOnce) {
   write("two.urdf", kTwoJoints);
   ASSERT_EQ(run(simulate({"--urdf", "two.urdf"})).status, 0);
-  std::vector<std::string> arguments = {"calibrate", "--urdf",    "two.urdf", "--measurements", "m.csv", "--iterations",
-                                        "1",         "--effects", "none",     "--prior",        "none"};
+  std::vector<std::string> arguments =
+      words_of("calibrate --urdf two.urdf --measurements m.csv --iterations 1 --effects none --prior none");
   const std::string line = "kdlcal: not to be trusted: the fit did not converge";
   const Surroundings usual = with_library();
   EXPECT_THAT(seen_on_a_terminal(arguments, usual, false, 1), HasSubstr(line)) << "the table went elsewhere";

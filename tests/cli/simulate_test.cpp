@@ -72,6 +72,18 @@ Check errors_grow(bool lengths, double factor) {
   };
 }
 
+/// The numbers of the truth in this list are `factor` times what they were.
+Check grows(const Json::json_pointer& list, const std::string& key, double factor) {
+  return [=](const Effect& effect) {
+    const Json without = effect.without.file("t.json")[list];
+    const Json with = effect.with.file("t.json")[list];
+    for (std::size_t i = 0; i < with.size(); ++i) {
+      const auto number = [&](const Json& entry) { return (entry.is_object() ? entry[key] : entry).get<double>(); };
+      EXPECT_NEAR(number(with[i]), factor * number(without[i]), 1e-15) << with[i];
+    }
+  };
+}
+
 Check has_configurations(const std::string& key, int count, std::size_t rows) {
   return [=](const Effect& effect) {
     EXPECT_EQ(effect.with.file("t.json")[key], count);
@@ -110,13 +122,7 @@ std::vector<OptionCase> draw_options() {
        truth_changes({"parameters/*/error", "parameters/*/value"}, errors_grow(false, 0.5))},
       {"BaseSigmaIsOfTheBase",
        {"--base-sigma", "0.004"},
-       truth_changes({"base/position/*"},
-                     [](const Effect& effect) {
-                       for (std::size_t i = 0; i < 3; ++i) {
-                         EXPECT_NEAR(effect.with.file("t.json")["base"]["position"][i].get<double>(),
-                                     2.0 * effect.without.file("t.json")["base"]["position"][i].get<double>(), 1e-15);
-                       }
-                     })},
+       truth_changes({"base/position/*"}, grows(Json::json_pointer("/base/position"), "", 2.0))},
       {"TargetSigmaIsOfTheLengthOfTools",
        {"--target-sigma", "0.005"},
        truth_changes({"targets/*/position/*"},
@@ -167,14 +173,8 @@ std::vector<OptionCase> draw_options() {
       {"EffectSigmaIsOfTheirCoefficients",
        {"--effect-sigma", "6e-4"},
        truth_changes({"effects/terms/*/coefficient", "effects/terms/*/sigma"},
-                     [](const Effect& effect) {
-                       const Json with = effect.with.file("t.json")["effects"]["terms"];
-                       const Json without = effect.without.file("t.json")["effects"]["terms"];
-                       for (std::size_t i = 0; i < with.size(); ++i) {
-                         EXPECT_EQ(with[i]["sigma"], 6e-4);
-                         EXPECT_NEAR(with[i]["coefficient"], 2.0 * without[i]["coefficient"].get<double>(), 1e-15);
-                       }
-                     }),
+                     both_checks(grows(Json::json_pointer("/effects/terms"), "coefficient", 2.0),
+                                 grows(Json::json_pointer("/effects/terms"), "sigma", 2.0))),
        {"--effects", "backlash"}},
       {"SeedDrawsOthers",
        {"--seed", "2"},
@@ -302,6 +302,7 @@ std::vector<OptionCase> experiment_options() {
        [](const Effect& effect) {
          EXPECT_TRUE(rows_of(effect.without).orientations.empty());
          EXPECT_EQ(rows_of(effect.with).orientations.size(), 36U);
+         EXPECT_EQ(effect.with.file("t.json")["targets"][0]["quaternion_wxyz"].size(), 4U);
          EXPECT_EQ(rows_of(effect.with).joint_values.cols(), 12);
        }},
       {"PlanIsMeasured",
@@ -392,14 +393,7 @@ std::vector<OptionCase> simulate_file_options() {
          EXPECT_EQ(effect.with.files.at("other.csv"), effect.without.outcome.out);
          EXPECT_THAT(effect.with.outcome.out, HasSubstr("12 configurations"));
        }},
-      {"ForceOverwrites",
-       {"--force"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.without.outcome.status, 2);
-         EXPECT_TRUE(effect.without.files.empty());
-         EXPECT_THAT(effect.with.files.at("old.csv"), HasSubstr("configuration,"));
-       },
-       {"--output", "old.csv"}},
+      {"ForceOverwrites", {"--force"}, overwrites("old.csv", "configuration,"), {"--output", "old.csv"}},
       {"JsonPrintsTheTruth",
        {"--json"},
        [](const Effect& effect) {
@@ -413,32 +407,27 @@ std::vector<OptionCase> simulate_file_options() {
 
 /// The published procedure instead of measurements to write.
 std::vector<OptionCase> procedure_options() {
-  return {{"TwoStepRunsTheProcedureForSoManyRounds",
-           {"--two-step", "3"},
-           [](const Effect& effect) {
-             EXPECT_FALSE(effect.without.json.contains("rounds"));
-             ASSERT_EQ(effect.with.json["rounds"].size(), 3U);
-             EXPECT_EQ(effect.with.json["recorded"], false);
-             EXPECT_EQ(effect.with.outcome.status, 1) << "three rounds do not arrive";
-           },
-           {"--json"}},
-          {"RecordedMeasuresTheSameConfigurationsInEveryRound",
-           {"--recorded"},
-           [](const Effect& effect) {
-             const Json& fresh = effect.without.json["rounds"];
-             const Json& recorded = effect.with.json["rounds"];
-             EXPECT_EQ(effect.with.json["recorded"], true);
-             EXPECT_EQ(recorded[0]["misfit"], fresh[0]["misfit"]);
-             EXPECT_NE(recorded[1]["misfit"], fresh[1]["misfit"]);
-           },
-           {"--json", "--two-step", "3"}},
-          {"ReportShowsTheRounds",
-           {"--report", "t.html"},
-           [](const Effect& effect) {
-             EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
-             EXPECT_EQ(data_of_page(effect.with.files.at("t.html"))["result"], effect.with.json);
-           },
-           {"--json", "--two-step", "3"}}};
+  return {
+      {"TwoStepRunsTheProcedureForSoManyRounds",
+       {"--two-step", "3"},
+       [](const Effect& effect) {
+         EXPECT_FALSE(effect.without.json.contains("rounds"));
+         ASSERT_EQ(effect.with.json["rounds"].size(), 3U);
+         EXPECT_EQ(effect.with.json["recorded"], false);
+         EXPECT_EQ(effect.with.outcome.status, 1) << "three rounds do not arrive";
+       },
+       {"--json"}},
+      {"RecordedMeasuresTheSameConfigurationsInEveryRound",
+       {"--recorded"},
+       [](const Effect& effect) {
+         const Json& fresh = effect.without.json["rounds"];
+         const Json& recorded = effect.with.json["rounds"];
+         EXPECT_EQ(effect.with.json["recorded"], true);
+         EXPECT_EQ(recorded[0]["misfit"], fresh[0]["misfit"]);
+         EXPECT_NE(recorded[1]["misfit"], fresh[1]["misfit"]);
+       },
+       {"--json", "--two-step", "3"}},
+      {"ReportShowsTheRounds", {"--report", "t.html"}, writes_page_of_json("t.html"), {"--json", "--two-step", "3"}}};
 }
 
 std::vector<OptionCase> simulate_options() {

@@ -62,15 +62,13 @@ TEST_F(Frames, UseCoordinatesAKnownToolAndACalibration) {
   ASSERT_EQ(run({"frames", "--user-touches", "points.csv", "--output", "points.json"}).status, 1);
   EXPECT_GT(json_of("points.json")["user"]["largest"], 1e-3);
   write("tool.json", R"({"tool": {"position": [0, 0.1, 0], "quaternion_wxyz": [1, 0, 0, 0]}})");
-  ASSERT_EQ(run({"frames", "--user-touches", "fixture.csv", "--frames", "tool.json", "--output", "a.json"}).status, 0);
+  succeed({"frames", "--user-touches", "fixture.csv", "--frames", "tool.json", "--output", "a.json"});
   const Eigen::Vector3d tip = to_eigen(kdl_pose(fanuc().chain, Eigen::VectorXd{{0.1, 0.2, 0.3, 0.4, 0.5, 0.6}})) *
                               Eigen::Vector3d(0.0, 0.1, 0.0);
   EXPECT_NEAR(json_of("a.json")["user"]["position"][2], tip.z(), 1e-12);
-  ASSERT_EQ(run({"simulate", "--noise", "3e-5", "--length-sigma", "0.001", "--output", "m.csv"}).status, 0);
-  ASSERT_EQ(run({"calibrate", "--measurements", "m.csv", "--effects", "none", "--prior", "none", "--result", "r.json"})
-                .status,
-            0);
-  ASSERT_EQ(run({"frames", "--result", "r.json", "--user-touches", "fixture.csv", "--output", "c.json"}).status, 0);
+  succeed({"simulate", "--noise", "3e-5", "--length-sigma", "0.001", "--output", "m.csv"});
+  succeed({"calibrate", "--measurements", "m.csv", "--effects", "none", "--prior", "none", "--result", "r.json"});
+  succeed({"frames", "--result", "r.json", "--user-touches", "fixture.csv", "--output", "c.json"});
   const Json json = json_of("c.json");
   EXPECT_EQ(json["calibration"], sha256(text_of("r.json")));
   EXPECT_GT(json["user"]["std"][0], 1e-6);
