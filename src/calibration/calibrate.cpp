@@ -272,7 +272,14 @@ GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& option
   problem.start = fitted.fit.identification.estimate;
   problem.free = fitted.fit.free;
   problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostGrossGroups + 1);
-  return of_whole_points(problem, find_gross_rows_beside_effects);
+  GrossRows found = of_whole_points(problem, find_gross_rows_beside_effects);
+  // The other rows of its configuration were not looked at.
+  for (GrossRow& row : found.rows) {
+    if (has_single_coordinates_in(problem.measurements, row.configuration)) {
+      row.target.clear();
+    }
+  }
+  return found;
 }
 
 NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationSettings& options) {

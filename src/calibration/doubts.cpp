@@ -213,8 +213,10 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
                                 "or leave it out with --exclude '{}:{}'",
                                 label, target, in_millimetres(farthest->residual.norm()), label, target)});
   }
+  const bool are_many = 2 * rows_of_single_coordinates(measurements) > measurements.observations.size();
   const ErrorStatistics& open = found.uncertainty.predicted.measured;
-  if (doubts.empty() && open.count > 0 && open.rms > kMostOpen * found.noise.sigma && open.rms > kSmallest) {
+  if (doubts.empty() && !is_named && are_many && open.count > 0 && open.rms > kMostOpen * found.noise.sigma &&
+      open.rms > kSmallest) {
     doubts.push_back({.cause = Cause::not_determined,
                       .message = fmt::format(
                           "the coordinates or distances agree with the fit, but the whole points are uncertain by {} "

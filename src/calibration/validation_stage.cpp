@@ -221,8 +221,8 @@ std::vector<std::string> said_of_neighbours(const Folds& singly, const Measureme
     return {};
   }
   return {
-      fmt::format("{} configurations are neighbours of others (no joint differs by more than 3 degrees, 50 mm or a "
-                  "twentieth of its range): they are left out together",
+      fmt::format("configurations that are neighbours of others (no joint differs by more than 3 degrees, 50 mm or a "
+                  "twentieth of its range): {}, left out together with those",
                   together)};
 }
 

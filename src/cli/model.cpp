@@ -1,6 +1,7 @@
 #include <fmt/core.h>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "base/text.hpp"
 #include "cli/frames.hpp"
@@ -81,10 +82,22 @@ std::string table(const Robot& robot, const ErrorModel& model, const ModelArgume
 // What measurements from such places determine, with many random configurations.
 DeterminedByRows determined(const ErrorModel& model, const std::vector<TargetFrame>& targets, const Places& places) {
   constexpr int kConfigurations = 60;  // of a station: ten for each of its unknowns, several for those of the arm
+  constexpr int kDraws = 5;            // the best counts: an arm with few joints may miss a way to reach a socket
+  DeterminedByRows best;
   Random random(1);
-  const JointRanges ranges = limits_of(model.joints);
-  const Eigen::MatrixXd q = random_configurations(model.joints, ranges, kConfigurations * places.stations, random);
-  return determined_by(rows_at(places, nominal_robot(model, targets), ranges, q, random));
+  const Reach reach{.ranges = limits_of(model.joints)};
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const Eigen::MatrixXd q =
+        random_configurations(model.joints, reach.ranges, kConfigurations * places.stations, random);
+    DeterminedByRows found = determined_by(rows_at(places, nominal_robot(model, targets), reach, q, random));
+    if (draw == 0 || found.arm.rank > best.arm.rank) {
+      best = std::move(found);
+    }
+    if (best.arm.rank == best.arm.columns) {
+      break;
+    }
+  }
+  return best;
 }
 
 std::string table(const DeterminedByRows& determined, const PlaceArguments& places) {

@@ -332,8 +332,6 @@ Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPl
   }
   return {{"criterion", arguments.criterion},
           {"parameters", plan.determined.arm.columns},
-          {"rank", plan.determined.arm.rank},
-          {"tied", plan.determined.arm.tied},
           {"targets", plan.sheet.targets.size()},
           {"stations", stations},
           {"sigma",
@@ -344,14 +342,12 @@ Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPl
 }
 
 std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
-  const Identifiability& arm = plan.determined.arm;
   const VirtualRobot& robot = plan.rows.robot;
   std::string text = fmt::format(
-      "{} configurations, the best of {} sets of places; {} of {} parameters of the arm determined, noise {} mm\n",
-      plan.sheet.configurations.size(), arguments.starts, arm.rank, arm.columns, fixed(arguments.noise.sigma * 1e3, 4));
-  for (const std::vector<std::string>& tied : arm.tied) {
-    text += fmt::format("  not told apart: {}\n", comma_separated(tied));
-  }
+      "{} configurations, as many at each of {} places, the best of {} sets of places; {} parameters of the arm, noise "
+      "{} mm\n",
+      plan.sheet.configurations.size(), robot.model.stations.size(), arguments.starts, plan.determined.arm.columns,
+      fixed(arguments.noise.sigma * 1e3, 4));
   text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
   text += line("  this plan", plan.planned, plan.planned.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
@@ -371,7 +367,9 @@ ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
   require_no_others(arguments);
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}});
   require_writable(files, arguments.force);
-  const Setting set = setting(arguments);
+  Setting set = setting(arguments);
+  Progress choosing("choosing");
+  set.request.choosing = [&](double share) { choosing(share); };
   const PlacesPlan plan = plan_at_places(set.request, places);
   for (OutputFile& file : files) {
     file.text = plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());

@@ -46,26 +46,59 @@ std::vector<std::int16_t> stations_of_configurations(const Measurements& measure
   return result;
 }
 
+namespace {
+
+std::vector<Eigen::Vector3d> positions_of_whole_points(const Measurements& station) {
+  std::vector<Eigen::Vector3d> result;
+  for (std::size_t row = 0; row < station.observations.size(); ++row) {
+    if (coordinates_of(station, row) == 3) {
+      result.push_back(station.observations[row].position);
+    }
+  }
+  return result;
+}
+
+constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points from the axis
+
+// Whether the measured coordinates of each row may be those of a point on the axis, or at the centre if there are
+// three.
+bool may_lie_there(const LooseRotations& loose, const Measurements& station) {
+  for (std::size_t row = 0; row < station.observations.size(); ++row) {
+    const MeasuredCoordinates measured = coordinates_at(station, row);
+    Eigen::Vector3d off = measured.directions * (station.observations[row].position - loose.centre);
+    if (loose.axes.cols() == 1) {
+      const Eigen::Vector3d along = measured.directions * loose.axes.col(0);
+      off -= along * (along.dot(off) / std::max(along.squaredNorm(), 1e-12));
+    }
+    if (measured.distance > 0.0 || off.norm() > kShortest) {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
 LooseRotations loose_rotations(const Measurements& station) {
-  constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points from the axis
-  LooseRotations result;
   const bool oriented = std::any_of(station.orientations.begin(), station.orientations.end(),
                                     [](const Eigen::Quaterniond& turn) { return !is_point(turn); });
-  if (station.observations.empty() || oriented || has_single_coordinates(station)) {
-    return result;
+  const std::vector<Eigen::Vector3d> points = positions_of_whole_points(station);
+  if (points.empty() || oriented) {
+    return {};
   }
-  const auto count = static_cast<double>(station.observations.size());
-  for (const Observation& observation : station.observations) {
-    result.centre += observation.position / count;
+  LooseRotations result;
+  const auto count = static_cast<double>(points.size());
+  for (const Eigen::Vector3d& point : points) {
+    result.centre += point / count;
   }
   Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();  // of the levers
-  for (const Observation& observation : station.observations) {
-    const Eigen::Vector3d arm = observation.position - result.centre;
+  for (const Eigen::Vector3d& point : points) {
+    const Eigen::Vector3d arm = point - result.centre;
     squares += (arm.squaredNorm() * Eigen::Matrix3d::Identity() - arm * arm.transpose()) / count;
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spectrum(squares);
   result.axes = spectrum.eigenvectors().leftCols((spectrum.eigenvalues().array() < kShortest * kShortest).count());
-  return result;
+  return has_single_coordinates(station) && !may_lie_there(result, station) ? LooseRotations() : result;
 }
 
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted) {

@@ -25,7 +25,7 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
 std::vector<std::int16_t> stations_of_configurations(const Measurements& measurements);
 
 /// Rotations of a station that its points do not show: about the line that they are on, or all if they are one point.
-/// None with single coordinates, whose Jacobian shows them.
+/// None if single coordinates or distances show them, or if no row is a whole point: then their Jacobian does.
 struct LooseRotations {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< [m] of the points in W
   Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    ///< unit vectors in W; none if orientations were measured

@@ -69,11 +69,10 @@ VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFram
   return {.model = model, .truth = nominal};
 }
 
-PlacedRows rows_at(const Places& places, VirtualRobot robot, const JointRanges& ranges, const MatrixXd& q,
-                   Random& random) {
+PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach, const MatrixXd& q, Random& random) {
   if (!places.sockets.empty()) {
-    const Plate plate{.sockets = places.sockets, .places = places.stations};
-    const Measurements touches = touch(plate, ranges, q.cols(), random, robot);
+    const Plate plate{.sockets = places.sockets, .places = places.stations, .allowed = reach.allowed};
+    const Measurements touches = touch(plate, reach.ranges, q.cols(), random, robot);
     return {.robot = robot, .measurements = touches};
   }
   // The first of the stations is where the robot stands, where no distance depends on joint 1.

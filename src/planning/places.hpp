@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,12 @@ bool are_special(const Places& places);
 /// Some of the coordinates of whole points, or their distances from the origin of W, see Places::directions.
 Measurements along_directions(Measurements points, const std::string& directions);
 
+/// Where an arm may be: within ranges, and as `allowed`, see Plate.
+struct Reach {
+  JointRanges ranges;
+  std::function<bool(const Eigen::VectorXd&)> allowed = {};
+};
+
 /// What is measured of an arm, without noise.
 struct PlacedRows {
   VirtualRobot robot;
@@ -36,8 +43,8 @@ struct PlacedRows {
 VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFrame>& targets);
 
 /// The arm at random places, and what is measured there: at joint values `q` (joints x N), or with sockets in N touches
-/// within `ranges`. Throws InputError as touch() does.
-PlacedRows rows_at(const Places& places, VirtualRobot robot, const JointRanges& ranges, const Eigen::MatrixXd& q,
+/// within reach. Throws InputError as touch() does.
+PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach, const Eigen::MatrixXd& q,
                    Random& random);
 
 /// What rows determine, to first order at the robot's truth.

@@ -4,14 +4,15 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
-#include <numeric>
-#include <optional>
+#include <mutex>
 #include <string>
 #include <utility>
 
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
+#include "base/text.hpp"
 #include "estimation/least_squares.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/stations.hpp"
@@ -29,8 +30,9 @@ using Eigen::VectorXd;
 struct Choice {
   PlacedRows rows;
   std::vector<MatrixXd> candidates;  // whitened rows of each, their columns scaled, those of the bases first
-  VectorXd scale;                    // [m] or [rad] of the columns, so that those of all candidates have unit norm
-  Index bases = 0;                   // columns
+  std::vector<std::int16_t> stations;
+  VectorXd scale;   // [m] or [rad] of the columns, so that those of all candidates have unit norm
+  Index bases = 0;  // columns
   std::vector<std::size_t> members;
   double value = -std::numeric_limits<double>::infinity();  // log det M - log det M_b
 };
@@ -60,7 +62,7 @@ double gain(const MatrixXd& A, const MatrixXd& C, const MatrixXd& C_b) {
   return log_det(unit + A * C * A.transpose()) - log_det(unit + A_b * C_b * A_b.transpose());
 }
 
-// Exchanges one member after another for the best candidate, until none is worth it.
+// Exchanges one member after another for the best candidate at the same station, until none is worth it.
 void exchange(Choice& choice) {
   constexpr double kLeastGain = 1e-6;
   constexpr int kMostPasses = 30;
@@ -79,8 +81,10 @@ void exchange(Choice& choice) {
       std::size_t best = member;
       double most = gain(own, C, C_b) + kLeastGain;
       for (std::size_t i = 0; i < choice.candidates.size(); ++i) {
-        const double here = is_member[i] ? 0.0 : gain(choice.candidates[i], C, C_b);
-        if (here > most) {
+        if (is_member[i] || choice.stations[i] != choice.stations[member]) {
+          continue;
+        }
+        if (const double here = gain(choice.candidates[i], C, C_b); here > most) {
           most = here;
           best = i;
         }
@@ -95,39 +99,41 @@ void exchange(Choice& choice) {
   choice.value = log_det(M) - log_det(M.topLeftCorner(choice.bases, choice.bases));
 }
 
-std::vector<std::size_t> drawn(std::size_t count, std::size_t candidates, Random& random) {
-  std::vector<std::size_t> all(candidates);
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  for (std::size_t k = 0; k < count; ++k) {
-    std::swap(all[k], all[k + static_cast<std::size_t>(random.uniform() * static_cast<double>(candidates - k))]);
+// As many random candidates at each station.
+std::vector<std::size_t> drawn(const Choice& choice, int count, Random& random) {
+  const int stations = choice.stations.back() + 1;
+  std::vector<std::size_t> result;
+  for (int station = 0; station < stations; ++station) {
+    std::vector<std::size_t> own;
+    for (std::size_t i = 0; i < choice.stations.size(); ++i) {
+      if (choice.stations[i] == station) {
+        own.push_back(i);
+      }
+    }
+    const int wanted = count * (station + 1) / stations - count * station / stations;
+    for (int k = 0; k < wanted; ++k) {
+      const auto at = static_cast<std::size_t>(random.uniform() * static_cast<double>(own.size()));
+      result.push_back(own[at]);
+      own.erase(own.begin() + static_cast<std::ptrdiff_t>(at));
+    }
   }
-  all.resize(count);
-  return all;
+  return result;
 }
 
-// Candidates at places of their own, those that keep the cell's limits.
+// Candidates at places of their own.
 PlacedRows candidate_rows(const PlanRequest& request, const Places& places, std::uint64_t start) {
   Random random(request.seed, start);
-  const auto count = std::max<Index>(request.count, request.candidates / request.starts);
+  const auto count = std::max<Index>(2L * request.count, request.candidates / request.starts);
+  const Reach reach{.ranges = request.cell.ranges, .allowed = [&](const VectorXd& q) {
+                      return violated(request.robot, request.targets, request.cell, q).empty();
+                    }};
   MatrixXd q = MatrixXd::Zero(static_cast<Index>(request.robot.joints.size()), count);
   if (places.sockets.empty()) {
     q = candidates(request.robot, request.targets, request.cell,
                    {.count = static_cast<int>(count), .seed = request.seed + start, .threads = 1})
             .joint_values;
   }
-  PlacedRows rows =
-      rows_at(places, nominal_robot(complete_model(request.robot), request.targets), request.cell.ranges, q, random);
-  const Measurements& all = rows.measurements;
-  rows.measurements = subset(all, [&](const Observation& o) {
-    return places.sockets.empty() ||
-           violated(request.robot, request.targets, request.cell, all.joint_values.col(o.configuration)).empty();
-  });
-  if (rows.measurements.configurations.size() < static_cast<std::size_t>(request.count)) {
-    refuse_input(
-        fmt::format("{} of {} touches keep the limits of the cell", rows.measurements.configurations.size(), count),
-        fmt::format("at least the {} to choose: fewer limits, or more candidates", request.count));
-  }
-  return rows;
+  return rows_at(places, nominal_robot(complete_model(request.robot), request.targets), reach, q, random);
 }
 
 Choice chosen(const PlanRequest& request, const Places& places, std::uint64_t start) {
@@ -135,6 +141,7 @@ Choice chosen(const PlanRequest& request, const Places& places, std::uint64_t st
   const auto& [robot, measurements] = choice.rows;
   const Unknowns free(robot.model, robot.truth.targets, select_parameters(robot.model, robot.truth.targets, {}).free);
   choice.bases = free.range(UnknownGroup::base).count;
+  choice.stations = stations_of_configurations(measurements);
   const WhitenedSystem system =
       LeastSquaresProblem(robot.model, measurements, free, {.noise = noise_model(request.noise)}).whitened(robot.truth);
   choice.scale = system.jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
@@ -144,9 +151,35 @@ Choice chosen(const PlanRequest& request, const Places& places, std::uint64_t st
     choice.candidates.emplace_back(system.jacobian.middleRows(first, end - first) * choice.scale.asDiagonal());
   }
   Random random(request.seed, start);
-  choice.members = drawn(static_cast<std::size_t>(request.count), choice.candidates.size(), random);
+  choice.members = drawn(choice, request.count, random);
   exchange(choice);
   return choice;
+}
+
+// The best of all sets of places. A set may fail; if all do, the first one's refusal counts.
+Choice best_choice(const PlanRequest& request, const Places& places) {
+  std::vector<Choice> choices(static_cast<std::size_t>(request.starts));
+  std::vector<std::string> refusals(choices.size());
+  std::mutex mutex;
+  double done = 0.0;
+  parallel_for(choices.size(), request.threads, [&](std::size_t start) {
+    try {
+      choices[start] = chosen(request, places, start);
+    } catch (const InputError& refusal) {
+      refusals[start] = refusal.what();
+    }
+    const std::lock_guard lock(mutex);
+    done += 1.0;
+    if (request.choosing) {
+      request.choosing(done / static_cast<double>(choices.size()));
+    }
+  });
+  const auto best = std::max_element(choices.begin(), choices.end(),
+                                     [](const Choice& a, const Choice& b) { return a.value < b.value; });
+  if (best->members.empty()) {
+    throw InputError(refusals.front());
+  }
+  return std::move(*best);
 }
 
 // The information that is left for the arm where the bases are unknown, in its own units.
@@ -217,45 +250,54 @@ MeasuringPlan sheet(const Measurements& chosen, const std::vector<Index>& order,
   return result;
 }
 
+// The nominal robot at the places of the choice, and the chosen rows.
+PlacedRows chosen_rows(const Choice& choice) {
+  std::vector<bool> is_chosen(choice.candidates.size(), false);
+  for (const std::size_t member : choice.members) {
+    is_chosen[member] = true;
+  }
+  return {.robot = choice.rows.robot, .measurements = subset(choice.rows.measurements, [&](const Observation& o) {
+                                        return is_chosen[static_cast<std::size_t>(o.configuration)];
+                                      })};
+}
+
+void require_determined(const DeterminedByRows& determined, int count) {
+  if (determined.arm.rank == determined.arm.columns) {
+    return;
+  }
+  std::string tied;
+  for (const std::vector<std::string>& names : determined.arm.tied) {
+    tied += "; not told apart: " + comma_separated(names);
+  }
+  refuse_input(fmt::format("{} configurations at these places determine {} of {} parameters of the arm{}", count,
+                           determined.arm.rank, determined.arm.columns, tied),
+               "more configurations, places, sockets or directions");
+}
+
 }  // namespace
 
 PlacesPlan plan_at_places(const PlanRequest& request, const Places& places) {
   constexpr int kRandomDesigns = 20;
-  require_at_least("configurations to choose", request.count, 1);
-  std::vector<Choice> choices(static_cast<std::size_t>(request.starts));
-  parallel_for(choices.size(), request.threads,
-               [&](std::size_t start) { choices[start] = chosen(request, places, start); });
-  Choice& best = *std::max_element(choices.begin(), choices.end(),
-                                   [](const Choice& a, const Choice& b) { return a.value < b.value; });
-
-  PlacesPlan plan;
-  std::vector<MatrixXd> designs = {information_of_arm(best, best.members)};
-  Random random(request.seed, 1000);
-  for (int design = 0; design < kRandomDesigns; ++design) {
-    designs.push_back(information_of_arm(best, drawn(best.members.size(), best.candidates.size(), random)));
-  }
-  std::vector<bool> is_chosen(best.candidates.size(), false);
-  for (const std::size_t member : best.members) {
-    is_chosen[member] = true;
-  }
-  plan.rows = {.robot = best.rows.robot, .measurements = subset(best.rows.measurements, [&](const Observation& o) {
-                                           return is_chosen[static_cast<std::size_t>(o.configuration)];
-                                         })};
+  require_at_least("starts", request.starts, 1);
+  require_at_least("configurations to choose", request.count, places.stations);
+  const Choice best = best_choice(request, places);
+  PlacesPlan plan{.rows = chosen_rows(best), .determined = {}, .sheet = {}, .planned = {}, .random = {}};
   plan.determined = determined_by(plan.rows);
-  const Experiment experiment = experiment_of(request, plan.determined);
+  require_determined(plan.determined, request.count);
+
+  std::vector<MatrixXd> designs = {information_of_arm(best, best.members)};
+  Random random(request.seed, static_cast<std::uint64_t>(request.starts));
+  for (int design = 0; design < kRandomDesigns; ++design) {
+    designs.push_back(information_of_arm(best, drawn(best, request.count, random)));
+  }
   const MatrixXd tasks =
       request.tasks.size() > 0
           ? request.tasks
           : candidates(request.robot, request.targets, request.cell,
                        {.count = request.workspace, .seed = request.seed, .threads = request.threads})
                 .joint_values;
-  const bool is_determined = plan.determined.arm.rank == plan.determined.arm.columns;
-  const double none = std::numeric_limits<double>::infinity();
-  const Prediction open{.sigma = {.mean = none, .rms = none, .p95 = none, .max = none}, .worst_configuration = none};
-  std::vector<Prediction> predictions(designs.size(), open);
-  if (is_determined) {
-    predictions = predicted(experiment, designs, tasks, request.threads);
-  }
+  const std::vector<Prediction> predictions =
+      predicted(experiment_of(request, plan.determined), designs, tasks, request.threads);
   plan.planned = predictions.front();
   plan.random = mean_of({predictions.begin() + 1, predictions.end()});
 

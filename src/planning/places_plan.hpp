@@ -18,12 +18,13 @@ struct PlacesPlan {
   double seconds = 0.0;  ///< travel time [s]
 };
 
-/// Draws `starts` sets of places with a share of the candidates each, and at each set exchanges configurations until no
-/// exchange of one lowers the volume of the confidence ellipsoid of the arm's parameters, whatever the bases are
-/// (D_s-optimality: the largest det M / det M_b for the information M and its block M_b of the bases; Atkinson, Donev
-/// and Tobias 2007, section 10.3). Keeps the best set. Of the request `criterion`, `accuracy`, `priors`, `measured`,
-/// `calibrated`, `effects` and `monte_carlo` are not used. Throws InputError as rows_at() and candidates() do, and
-/// if fewer candidates than configurations keep the cell's limits.
+/// Draws `starts` sets of places with a share of the candidates each, all within the cell, and at each set exchanges
+/// configurations for others at the same place until no exchange of one lowers the volume of the confidence ellipsoid
+/// of the arm's parameters, whatever the bases are (D_s-optimality: the largest det M / det M_b for the information M
+/// and its block M_b of the bases; Atkinson, Donev and Tobias 2007, section 10.3). Keeps the best set. Each place has
+/// as many configurations. Of the request `criterion`, `accuracy`, `priors`, `measured`, `calibrated`, `effects`,
+/// `trying` and `monte_carlo` are not used. Throws InputError as rows_at() and candidates() do, and if the arm is not
+/// determined.
 PlacesPlan plan_at_places(const PlanRequest& request, const Places& places);
 
 }  // namespace kdl_calibration

@@ -23,15 +23,26 @@ using Eigen::VectorXd;
 
 class Ball {
 public:
-  Ball(const VirtualRobot& robot, const JointRanges& ranges)
+  Ball(const VirtualRobot& robot, const Plate& plate, const JointRanges& ranges)
       : arm_(robot.model, robot.truth.errors, robot.truth.effects),
         joints_(robot.model.joints),
         ranges_(ranges),
+        allowed_(plate.allowed),
         ball_(robot.truth.targets.front().X_FT.translation()) {}
 
   Vector3d position(const VectorXd& q) const { return arm_.flange_pose(q) * ball_; }
 
   VectorXd any(Random& random) const { return random_configurations(joints_, ranges_, 1, random).col(0); }
+  // The first of many that is allowed.
+  std::optional<VectorXd> any_allowed(Random& random) const {
+    constexpr int kTrials = 1000;
+    for (int trial = 0; trial < kTrials; ++trial) {
+      if (const VectorXd q = any(random); is_allowed(q)) {
+        return q;
+      }
+    }
+    return std::nullopt;
+  }
 
   // Joint values that bring the ball to `goal` [m] in the base frame, by Gauss-Newton steps from random ones.
   std::optional<VectorXd> at(const Vector3d& goal, Random& random) const {
@@ -46,7 +57,7 @@ public:
         const Isometry3d X_BF = arm_.flange_pose(q, jacobian);
         const Vector3d error = goal - X_BF * ball_;
         if (error.norm() < kReached) {
-          if (is_within(q)) {
+          if (is_allowed(q)) {
             return q;
           }
           break;
@@ -60,19 +71,20 @@ public:
   }
 
 private:
-  bool is_within(const VectorXd& q) const {
+  bool is_allowed(const VectorXd& q) const {
     for (std::size_t i = 0; i < ranges_.size(); ++i) {
       const double value = q[static_cast<Index>(i)];
       if (!(value >= ranges_[i].first && value <= ranges_[i].second)) {
         return false;
       }
     }
-    return true;
+    return !allowed_ || allowed_(q);
   }
 
   ArmKinematics arm_;
   const std::vector<MovingJoint>& joints_;
   const JointRanges& ranges_;
+  const std::function<bool(const VectorXd&)>& allowed_;
   Vector3d ball_;
 };
 
@@ -84,10 +96,13 @@ struct PlacedPlate {
 
 std::optional<PlacedPlate> placed_plate(const Plate& plate, const Ball& ball, Index configurations, Random& random) {
   PlacedPlate result;
-  const VectorXd q = ball.any(random);
+  const std::optional<VectorXd> q = ball.any_allowed(random);
+  if (!q) {
+    return std::nullopt;
+  }
   result.X_BW.linear() = rotation_exp(normal_vector(random));
-  result.X_BW.translation() = ball.position(q) - result.X_BW.linear() * plate.sockets.front();
-  result.joint_values.resize(q.size(), configurations);
+  result.X_BW.translation() = ball.position(*q) - result.X_BW.linear() * plate.sockets.front();
+  result.joint_values.resize(q->size(), configurations);
   for (Index c = 0; c < configurations; ++c) {
     const Vector3d& socket = plate.sockets[static_cast<std::size_t>(c) % plate.sockets.size()];
     const std::optional<VectorXd> there = ball.at(result.X_BW * (socket + plate.sigma * normal_vector(random)), random);
@@ -118,8 +133,8 @@ PlacedPlate found_place(const Plate& plate, const Ball& ball, Index configuratio
       return std::move(*found);
     }
   }
-  refuse_input("no place of the plate was found where the arm reaches every socket",
-               "sockets closer together or wider joint ranges");
+  refuse_input("no place of the plate was found where the arm reaches every socket as it may",
+               "sockets closer together, wider joint ranges, fewer limits");
 }
 
 void require_touchable(const Plate& plate, const JointRanges& ranges, const VirtualRobot& robot) {
@@ -138,7 +153,7 @@ void require_touchable(const Plate& plate, const JointRanges& ranges, const Virt
 Measurements touch(const Plate& plate, const JointRanges& ranges, Index configurations, Random& random,
                    VirtualRobot& robot) {
   require_touchable(plate, ranges, robot);
-  const Ball ball(robot, ranges);
+  const Ball ball(robot, plate, ranges);
   Measurements result = before_touches(robot, configurations);
   std::vector<Isometry3d> bases;
   for (int station = 0; station < plate.places; ++station) {

@@ -352,7 +352,6 @@ std::vector<OptionCase> robot_options() {
          const Json& plan = effect.with.json;
          EXPECT_EQ(plan["stations"].size(), 3U);
          EXPECT_EQ(plan["configurations"].size(), effect.without.json["configurations"].size());
-         EXPECT_EQ(plan["rank"], plan["parameters"]);
          EXPECT_LT(plan["sigma"]["plan"]["mean"], plan["sigma"]["random"]["mean"]);
        }},
       {"SocketsAreTouched",

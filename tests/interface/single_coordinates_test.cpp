@@ -16,6 +16,7 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/validation.hpp"
+#include "measurements/directions.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 
@@ -243,6 +244,12 @@ TEST(SingleCoordinates, AnEmptyCellLeavesTheChecksOfWholePoints) {
   moved.joint_values(2, 20) += 0.01;
   const std::vector<Doubt> doubts = calibrate(bundled_robot(), moved).doubts();
   EXPECT_THAT(doubts, Contains(Field(&Doubt::message, HasSubstr("--exclude '" + moved.configurations[20] + "'"))));
+  EXPECT_EQ(doubts.size(), calibrate(bundled_robot(), whole_points(moved)).doubts().size());
+  // Of the configuration with the empty cell one target alone may not be what is wrong.
+  Measurements swapped = measurements;
+  std::swap(swapped.observations[15].position, swapped.observations[17].position);
+  EXPECT_THAT(calibrate(bundled_robot(), swapped).doubts(),
+              Contains(Field(&Doubt::message, HasSubstr("--exclude '" + swapped.configurations[5] + "'"))));
 }
 
 TEST(SingleCoordinates, ASavedResultPredictsTheSameAndIsValidated) {

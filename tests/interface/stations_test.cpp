@@ -90,6 +90,21 @@ TEST(PlacesOfAPlate, WithNoiseDetermineNoMore) {
       6e-4);
 }
 
+// The other coordinates of a socket on the line say nothing of the rotation about it either.
+TEST(PlacesOfAPlate, WithAnEmptyCellDetermineNoMore) {
+  Ball experiment(9);
+  Measurements touches = experiment.touched(4, 60, 3e-5);
+  touches.coordinates.resize(touches.observations.size());
+  const auto row = static_cast<std::size_t>(std::find_if(touches.observations.begin(), touches.observations.end(),
+                                                         [](const Observation& o) { return o.position.x() > 0.1; }) -
+                                            touches.observations.begin());
+  touches.observations[row].position.x() = 0.0;
+  touches.coordinates[row].directions(0, 0) = 0.0;
+  const Calibration found = calibrate(bundled_robot(), touches, geometry_alone());
+  EXPECT_TRUE(found.trusted());
+  EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 4);
+}
+
 // A poor choice of the rotation to hold would let a base wander, and errors take its place that nothing moves back.
 TEST(PlacesOfAPlate, WithSocketsOnALineHoldTheRotationAboutIt) {
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
