@@ -11,8 +11,8 @@
 #include "effects/arm_kinematics.hpp"
 #include "estimation/prediction.hpp"
 #include "geometry_alone.hpp"
+#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
-#include "kdl_calibration/calibrated_arm.hpp"
 #include "measurements/stations.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
@@ -117,20 +117,18 @@ TEST(PlacesPlan, PromisesWhatCalibrationsReach) {
   const MatrixXd q = experiment.configurations(50);
   const Eigen::Matrix3Xd truth = testing::points(plan.rows.robot.model, plan.rows.robot.truth, q);
   double squares = 0.0;
-  constexpr int kRuns = 25;
+  constexpr int kRuns = 80;
   for (int run = 0; run < kRuns; ++run) {
     Measurements touched = plan.rows.measurements;
     for (Observation& o : touched.observations) {
       o.sigma = 0.0;
       o.position += kNoise * normal_vector(experiment.random);
     }
-    const CalibratedArm arm = calibrate(robot, touched, testing::geometry_alone()).arm();
-    for (Index c = 0; c < q.cols(); ++c) {
-      squares += (arm.predict(q.col(c), wanted.targets.front().name).position - truth.col(c)).squaredNorm();
-    }
+    const Calibration found = calibrate(robot, touched, testing::geometry_alone());
+    squares += (testing::points(found.parts().model, found.parts().estimate, q) - truth).squaredNorm();
   }
   const double rms = std::sqrt(squares / (kRuns * static_cast<double>(q.cols())));
-  EXPECT_NEAR(rms, plan.planned.sigma.rms, 0.1 * plan.planned.sigma.rms);
+  EXPECT_NEAR(rms, plan.planned.sigma.rms, 0.12 * plan.planned.sigma.rms);  // three times the chance of it
 }
 
 TEST(PlacesPlan, DoesNotDependOnThreads) {
