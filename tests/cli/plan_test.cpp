@@ -361,9 +361,9 @@ std::vector<OptionCase> robot_options() {
          for (const Observation& o : read.observations) {
            EXPECT_TRUE(o.position.isZero() || o.position == Eigen::Vector3d(0.1, 0.0, 0.0));
          }
-         EXPECT_EQ(read.configurations.size(), 8U);
+         EXPECT_EQ(read.configurations.size(), 40U);
        },
-       {"--targets", "1"}},
+       {"--targets", "1", "--stations", "4", "--configurations", "40"}},
       {"DirectionsHideSomeOfTheBase",
        {"--directions", "xz"},
        [](const Effect& effect) { EXPECT_EQ(effect.with.json["stations"].at(0)["determined_directions"], 5); }},
@@ -426,7 +426,7 @@ TEST_P(PlanOption, HasItsEffectAndNoOther) {
                                                                                     {"--workspace", "40"},
                                                                                     {"--starts", "1"},
                                                                                     {"--threads", "1"}}) {
-    const bool counts = option == "--add" && name == "--configurations";
+    const bool counts = (option == "--add" || option == "--sockets") && name == "--configurations";
     command = option == name || counts ? command : command + Words{name, value};
   }
   command = option == "--json" ? command : command + Words{"--json"};

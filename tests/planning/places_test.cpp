@@ -11,8 +11,8 @@
 #include "effects/arm_kinematics.hpp"
 #include "estimation/prediction.hpp"
 #include "geometry_alone.hpp"
-#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
+#include "kdl_calibration/calibrated_arm.hpp"
 #include "measurements/stations.hpp"
 #include "refusal.hpp"
 #include "virtual_experiment.hpp"
@@ -108,27 +108,22 @@ TEST(PlacesPlan, TouchesReachTheirSocketsPlaceByPlace) {
   EXPECT_LT(plan.planned.sigma.mean, plan.random.sigma.mean);
 }
 
-// What calibrations of the planned touches miss at other poses, against what the plan promises.
-TEST(PlacesPlan, PromisesWhatCalibrationsReach) {
+// A calibration of the planned touches, with the noise stated, states the uncertainty that the plan promises.
+TEST(PlacesPlan, PromisesWhatACalibrationStates) {
   const Robot& robot = testing::bundled_robot();
-  const PlanRequest wanted = request(robot, testing::targets_at({{0.05, 0.2, 0.1}}));
-  const PlacesPlan plan = plan_at_places(wanted, {.stations = 4, .sockets = kSockets});
+  PlanRequest wanted = request(robot, testing::targets_at({{0.05, 0.2, 0.1}}));
   testing::VirtualExperiment experiment({.targets = wanted.targets});
-  const MatrixXd q = experiment.configurations(50);
-  const Eigen::Matrix3Xd truth = testing::points(plan.rows.robot.model, plan.rows.robot.truth, q);
+  wanted.tasks = experiment.configurations(50);
+  const PlacesPlan plan = plan_at_places(wanted, {.stations = 4, .sockets = kSockets});
+  CalibrationOptions options = testing::geometry_alone();
+  options.noise.stated.independent.setConstant(kNoise);
+  const CalibratedArm arm = calibrate(robot, plan.rows.measurements, options).arm();
   double squares = 0.0;
-  constexpr int kRuns = 80;
-  for (int run = 0; run < kRuns; ++run) {
-    Measurements touched = plan.rows.measurements;
-    for (Observation& o : touched.observations) {
-      o.sigma = 0.0;
-      o.position += kNoise * normal_vector(experiment.random);
-    }
-    const Calibration found = calibrate(robot, touched, testing::geometry_alone());
-    squares += (testing::points(found.parts().model, found.parts().estimate, q) - truth).squaredNorm();
+  for (const auto& q : wanted.tasks.colwise()) {
+    squares += arm.predict(q, wanted.targets.front().name).covariance.trace();
   }
-  const double rms = std::sqrt(squares / (kRuns * static_cast<double>(q.cols())));
-  EXPECT_NEAR(rms, plan.planned.sigma.rms, 0.12 * plan.planned.sigma.rms);  // three times the chance of it
+  const double rms = std::sqrt(squares / static_cast<double>(wanted.tasks.cols()));
+  EXPECT_NEAR(rms, plan.planned.sigma.rms, 1e-3 * plan.planned.sigma.rms);
 }
 
 TEST(PlacesPlan, DoesNotDependOnThreads) {
