@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <vector>
 
 #include "base/preconditions.hpp"
@@ -59,14 +60,17 @@ inline __attribute__((always_inline)) void subtract(const double (&factors)[kCol
   for (Index row = first / kWidth * kWidth; row < rows; row += kWidth) {
     Vector parts[kColumns];
     for (Index k = 0; k < kColumns; ++k) {
-      parts[k] = factors[k] * *reinterpret_cast<const Vector*>(x + k * rows + row);
+      std::memcpy(&parts[k], x + k * rows + row, sizeof(Vector));  // need not lie at multiples of a register
+      parts[k] *= factors[k];
     }
-    Vector& left = *reinterpret_cast<Vector*>(y + row);
+    Vector left;
+    std::memcpy(&left, y + row, sizeof(Vector));
     if constexpr (kColumns == 4) {
       left -= (parts[0] + parts[1]) + (parts[2] + parts[3]);
     } else {
       left -= parts[0];
     }
+    std::memcpy(y + row, &left, sizeof(Vector));
   }
 }
 
@@ -88,7 +92,10 @@ inline __attribute__((always_inline)) double factorise_columns(double least, Ind
       }
       const double root = std::sqrt(column[j]);
       for (Index row = j / kWidth * kWidth; row < rows; row += kWidth) {
-        *reinterpret_cast<Vector*>(column + row) /= root;
+        Vector part;
+        std::memcpy(&part, column + row, sizeof(Vector));
+        part /= root;
+        std::memcpy(column + row, &part, sizeof(Vector));
       }
     }
     const double* const four = A + first * rows;
