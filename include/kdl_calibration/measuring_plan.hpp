@@ -46,10 +46,10 @@ struct MeasuringPlan {
 /// that keeps the limits.
 MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options = {});
 
-/// A measurements file (CSV) with empty coordinates to fill in: one row for each configuration and target. Joints are
-/// in degrees or millimetres to 1e-9, named as in the URDF or the convention, without mimic joints. read_measurements
-/// refuses it until no coordinate is empty. Throws InputError for a name that the format cannot represent and for a
-/// convention that mixes angles and lengths.
+/// A measurements file (CSV) with empty coordinates to fill in, or with those of the sockets: one row for each
+/// configuration and target. Joints are in degrees or millimetres to 1e-9, named as in the URDF or the convention,
+/// without mimic joints. read_measurements refuses it while a row has nothing filled in. Throws InputError for a name
+/// that the format cannot represent and for a convention that mixes angles and lengths.
 std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& joints,
                      const JointConvention* convention = nullptr);
 

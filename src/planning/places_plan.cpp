@@ -41,14 +41,10 @@ double log_det(const MatrixXd& M) { return 2.0 * M.llt().matrixLLT().diagonal().
 
 MatrixXd inverse(const MatrixXd& M) { return M.llt().solve(MatrixXd::Identity(M.rows(), M.cols())); }
 
-// M with a little of each column, so that directions that no row shows stay finite and cancel.
-MatrixXd start_of_information(const Choice& choice) {
-  constexpr double kRidge = 1e-9;
-  return kRidge * MatrixXd::Identity(choice.scale.size(), choice.scale.size());
-}
-
+// M of these rows, and a little of each column, so that directions that no row shows stay finite and cancel.
 MatrixXd information(const Choice& choice, const std::vector<std::size_t>& members) {
-  MatrixXd M = start_of_information(choice);
+  constexpr double kRidge = 1e-9;
+  MatrixXd M = kRidge * MatrixXd::Identity(choice.scale.size(), choice.scale.size());
   for (const std::size_t member : members) {
     M.noalias() += choice.candidates[member].transpose() * choice.candidates[member];
   }
@@ -99,17 +95,23 @@ void exchange(Choice& choice) {
   choice.value = log_det(M) - log_det(M.topLeftCorner(choice.bases, choice.bases));
 }
 
+// The places in the list that hold this station.
+std::vector<std::size_t> at_station(const std::vector<std::int16_t>& stations, std::size_t station) {
+  std::vector<std::size_t> result;
+  for (std::size_t i = 0; i < stations.size(); ++i) {
+    if (static_cast<std::size_t>(stations[i]) == station) {
+      result.push_back(i);
+    }
+  }
+  return result;
+}
+
 // As many random candidates at each station.
 std::vector<std::size_t> drawn(const Choice& choice, int count, Random& random) {
   const int stations = choice.stations.back() + 1;
   std::vector<std::size_t> result;
   for (int station = 0; station < stations; ++station) {
-    std::vector<std::size_t> own;
-    for (std::size_t i = 0; i < choice.stations.size(); ++i) {
-      if (choice.stations[i] == station) {
-        own.push_back(i);
-      }
-    }
+    std::vector<std::size_t> own = at_station(choice.stations, static_cast<std::size_t>(station));
     const int wanted = count * (station + 1) / stations - count * station / stations;
     for (int k = 0; k < wanted; ++k) {
       const auto at = static_cast<std::size_t>(random.uniform() * static_cast<double>(own.size()));
@@ -206,17 +208,11 @@ std::vector<Index> in_order(const std::vector<MovingJoint>& joints, VectorXd hom
   const std::vector<std::int16_t> stations = stations_of_configurations(chosen);
   std::vector<Index> order;
   for (std::size_t station = 0; station < chosen.stations.size(); ++station) {
-    std::vector<Index> own;
-    for (std::size_t c = 0; c < stations.size(); ++c) {
-      if (static_cast<std::size_t>(stations[c]) == station) {
-        own.push_back(static_cast<Index>(c));
-      }
+    const std::vector<std::size_t> own = at_station(stations, station);  // each has some
+    for (const Index stop : short_way(joints, home, chosen.joint_values(Eigen::all, own))) {
+      order.push_back(static_cast<Index>(own[static_cast<std::size_t>(stop)]));
     }
-    const MatrixXd there = chosen.joint_values(Eigen::all, own);
-    for (const Index stop : own.empty() ? std::vector<Index>() : short_way(joints, home, there)) {
-      order.push_back(own[static_cast<std::size_t>(stop)]);
-    }
-    home = order.empty() ? home : VectorXd(chosen.joint_values.col(order.back()));
+    home = chosen.joint_values.col(order.back());
   }
   return order;
 }
