@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "estimation/descent.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -68,11 +69,9 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
       sqrt_information(Eigen::all, order) / std::max(sqrt_information.cwiseAbs().maxCoeff(), 1e-300);
   const std::vector<bool> raises =
       independent_columns(columns, std::vector<bool>(order.size(), true), {.clear = IdentifiabilityOptions{}.weak});
-  const Eigen::HouseholderQR<Eigen::MatrixXd> basis(columns.leftCols(static_cast<Eigen::Index>(known)));
+  const Eigen::MatrixXd beside = outside_span(columns.leftCols(static_cast<Eigen::Index>(known)), columns);
   const auto is_weak = [&](Eigen::Index c) {
-    const Eigen::VectorXd turned = basis.householderQ().transpose() * columns.col(c);
-    return turned.tail(turned.size() - static_cast<Eigen::Index>(known)).norm() <
-           IdentifiabilityOptions{}.weak * turned.norm();
+    return beside.col(c).norm() < IdentifiabilityOptions{}.weak * columns.col(c).norm();
   };
   std::vector<bool> marked(order.size(), false);
   for (std::size_t i = 0; i < order.size(); ++i) {
@@ -97,10 +96,8 @@ std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std:
     Eigen::MatrixXd own = sqrt_information(Eigen::all, columns);
     own.leftCols(3) /= std::max(own.leftCols(3).colwise().norm().maxCoeff(), 1e-300);
     own.rightCols(3) *= kRotationsAfterwards / std::max(own.rightCols(3).colwise().norm().maxCoeff(), 1e-300);
-    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> pivots(own);
-    pivots.setThreshold(kOpen);
-    for (Eigen::Index i = pivots.rank(); i < 6; ++i) {
-      result.push_back(columns[static_cast<std::size_t>(pivots.colsPermutation().indices()[i])]);
+    for (const Eigen::Index column : dependent_columns(own, kOpen)) {
+      result.push_back(columns[static_cast<std::size_t>(column)]);
     }
   }
   return result;

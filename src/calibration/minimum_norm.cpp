@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "estimation/residual_options.hpp"
 #include "model/parameters.hpp"
 #include "uncertainty/covariance.hpp"
@@ -45,7 +46,7 @@ std::optional<Identification> smallest_errors(const FitProblem& task, const Dete
       errors[c] = S[c] * Unknowns::value(found.estimate, fit.candidates.columns()[static_cast<std::size_t>(c)]);
     }
     const MatrixXd along = S.asDiagonal() * open;
-    const VectorXd move = -open * along.completeOrthogonalDecomposition().solve(errors);
+    const VectorXd move = -open * shortest_solution(along, errors);
     const Identification next = identify_jointly(
         task.model, task.measurements, fit.candidates.moved(found.estimate, move), fit.free, {.residuals = residuals});
     if (!has_converged(next) || next.rms > (1.0 + kWorse) * fit.identification.rms + 1e-10) {

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/degree.hpp"
 #include "base/number_range.hpp"
 #include "base/parallel.hpp"
@@ -108,7 +109,7 @@ public:
       present_ = {.matrix = ordered.matrix, .offset = ordered.offset};
     }
     parallel_ = parallel_to_the_one_before(joints);
-    controller_ = present_.matrix.partialPivLu().solve(joint_values.colwise() - present_.offset);
+    controller_ = solution(present_.matrix, joint_values.colwise() - present_.offset);
     trials_.push_back(
         trial(std::nullopt, used != nullptr ? named(*used) : "the joint values as they are", controller_, present_));
     trials_.front().present = true;

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "base/distributions.hpp"
 #include "effects/effect_terms.hpp"
 #include "estimation/linear_system.hpp"
@@ -129,14 +130,14 @@ public:
     const Matrix6 own = sums.own - rooted.transpose() * rooted;
     const Vector6 right = sums.right - rooted.transpose() * root_right_;
     const Vector6 scale = unit_scale_of_information(sums.own);
-    const Eigen::SelfAdjointEigenSolver<Matrix6> eigen(scale.asDiagonal() * own * scale.asDiagonal());
+    const auto [values, vectors] = spectrum(scale.asDiagonal() * own * scale.asDiagonal());
     Gain result;
     for (Index i = 0; i < 6; ++i) {
-      if (eigen.eigenvalues()[i] > kNothing) {
-        const Vector6 direction = scale.asDiagonal() * eigen.eigenvectors().col(i);
+      if (values[i] > kNothing) {
+        const Vector6 direction = scale.asDiagonal() * vectors.col(i);
         const double along = direction.dot(right);
-        result.squares += along * along / eigen.eigenvalues()[i];
-        result.step += along / eigen.eigenvalues()[i] * direction;
+        result.squares += along * along / values[i];
+        result.step += along / values[i] * direction;
         result.freedom += 1.0;
       }
     }
@@ -174,11 +175,11 @@ private:
       return information;
     }
     const VectorXd scale = unit_scale_of_information(information);
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.asDiagonal() * information * scale.asDiagonal());
+    const auto [values, vectors] = spectrum(scale.asDiagonal() * information * scale.asDiagonal());
     constexpr double kDetermined = 1e-10;
-    const Index rank = (eigen.eigenvalues().array() > kDetermined).count();
-    return eigen.eigenvalues().tail(rank).cwiseSqrt().cwiseInverse().asDiagonal() *
-           eigen.eigenvectors().rightCols(rank).transpose() * scale.asDiagonal();
+    const Index rank = (values.array() > kDetermined).count();
+    return values.tail(rank).cwiseSqrt().cwiseInverse().asDiagonal() * vectors.rightCols(rank).transpose() *
+           scale.asDiagonal();
   }
 
   const Measurements& measurements_;
@@ -249,8 +250,7 @@ struct Spread {
   // determine a pose of the base.
   double beside_line() const {
     const Eigen::Matrix3d covariance = squares / count - sum * sum.transpose() / (count * count);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance, Eigen::EigenvaluesOnly);
-    return std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
+    return std::sqrt(std::max(eigenvalues(covariance)[1], 0.0));
   }
 };
 

@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "estimation/block_pass.hpp"
 #include "estimation/input_check.hpp"
@@ -352,8 +353,7 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
     const MatrixXd loose =
         motions_of_base(part.loose, estimate.base(part.station), data_->unknowns.base_columns(part.station), columns);
     if (loose.cols() > 0) {
-      result.sqrt_information -=
-          result.sqrt_information * loose * loose.completeOrthogonalDecomposition().pseudoInverse();
+      result.sqrt_information -= result.sqrt_information * loose * pseudo_inverse(loose);
     }
   }
   return result;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/dense.hpp"
 #include "base/preconditions.hpp"
 #include "model/kinematics.hpp"
@@ -126,8 +127,7 @@ void RowSummary::add_sums() {
 
 void RowSummary::make_triangle() {
   if (filled_ > columns_) {
-    const Eigen::HouseholderQR<MatrixXd> factors(rows_.topRows(filled_));
-    rows_.topRows(columns_) = MatrixXd(factors.matrixQR().topRows(columns_).triangularView<Eigen::Upper>());
+    rows_.topRows(columns_) = triangular_factor(rows_.topRows(filled_));
     filled_ = columns_;
   }
 }

@@ -150,7 +150,7 @@ void Gathering::add_coordinates(std::size_t row) {
     point.information += weight * measurements_.coordinates[row].directions;
     const Vector3d deviation = difference_at(measurements_, row, point.position);
     const Eigen::Matrix3Xd R = root_of_directions(point.information);
-    const Vector3d step = pseudo_inverse(R) * (weight * deviation);
+    const Vector3d step = inverse_on_directions(R) * (weight * deviation);
     point.directions = projector(R);
     point.position += step;
     totals_.cost_of_repeats +=

@@ -8,6 +8,7 @@
 #include <limits>
 #include <unsupported/Eigen/KroneckerProduct>
 
+#include "base/decompositions.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "estimation/station_registration.hpp"
@@ -169,10 +170,9 @@ RotationForm eliminate(const Sums& sums, double ridge) {
                 target.Rt_Z.transpose() * target.Rt_Z / target.orientation_weight;
     }
   }
-  form.relative_information =
-      Eigen::SelfAdjointEigenSolver<Matrix3d>(C, Eigen::EigenvaluesOnly).eigenvalues() / sums.weight;
+  form.relative_information = eigenvalues(C) / sums.weight;
   // C is singular for a single configuration; the least-norm c is used.
-  const Matrix3d C_inverse = C.completeOrthogonalDecomposition().pseudoInverse();
+  const Matrix3d C_inverse = pseudo_inverse(C);
   form.c_matrix = C_inverse * C_theta;
   form.c_vector = -C_inverse * c_p;
   form.Q -= C_theta.transpose() * form.c_matrix;
@@ -304,8 +304,7 @@ int open_rotations(const Sums& sums, const RotationForm& free, const Matrix3d& A
   constexpr double kNumerical = 1e-10;
   constexpr double kStandsStill = 0.05;  // share of the flange's motion
   const double flange = std::max(sums.pp - sums.p.squaredNorm() / sums.weight, 0.0);
-  const Vector3d information =
-      Eigen::SelfAdjointEigenSolver<Matrix3d>(slope_at(free, A).hessian, Eigen::EigenvaluesOnly).eigenvalues();
+  const Vector3d information = eigenvalues(slope_at(free, A).hessian);
   const double least = std::max(std::min(u / (kTurn * kTurn), kStandsStill * kStandsStill * flange),
                                 kNumerical * std::max({information[2], sums.zz.trace(), flange}));
   return static_cast<int>((information.array() <= least).count());

@@ -10,6 +10,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "estimation/linear_system.hpp"
 #include "estimation/prediction.hpp"
 #include "estimation/scaled_solver.hpp"
@@ -100,9 +101,8 @@ public:
     constexpr double kNothing = 1e-10;
     const MatrixXd information = linearise(estimate).hessian;
     const VectorXd scale = unit_scale_of_information(information);
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(scale.asDiagonal() * information * scale.asDiagonal(),
-                                                           Eigen::EigenvaluesOnly);
-    const auto determined = (spectrum.eigenvalues().array() > kNothing).count();
+    const VectorXd values = eigenvalues(MatrixXd(scale.asDiagonal() * information * scale.asDiagonal()));
+    const auto determined = (values.array() > kNothing).count();
     Index unknowns = 0;
     for (std::size_t frame = 0; frame < is_known_.size(); ++frame) {
       unknowns += is_known_[frame] ? 0 : frame < bases_ ? 6 : 3;
@@ -208,10 +208,10 @@ Isometry3d base_from_distances(const std::vector<Isometry3d>& X_BF, const Measur
       A.row(k) << 2.0 * p.transpose(), -1.0;
       b[k] = p.squaredNorm() - std::pow(training.coordinates[rows[i]].distance, 2);
     }
-    in_base.col(anchor) = A.completeOrthogonalDecomposition().solve(b).head<3>();
+    in_base.col(anchor) = shortest_solution(A, b).head<3>();
     in_world.col(anchor++) = Vector3d(position[0], position[1], position[2]);
   }
-  return Isometry3d(Eigen::umeyama(in_base, in_world, false));
+  return rigid_motion(in_base, in_world);
 }
 
 // The only station of measurements with single coordinates. With the rotation of the base held, its position and the

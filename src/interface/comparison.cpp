@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "base/distributions.hpp"
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
@@ -134,9 +135,7 @@ MatrixXd without(MatrixXd columns, const MatrixXd& from) {
     return from;
   }
   columns.colwise().normalize();
-  Eigen::ColPivHouseholderQR<MatrixXd> factors(columns.rows(), columns.cols());
-  factors.setThreshold(kNothing).compute(columns);
-  const MatrixXd basis = factors.householderQ() * MatrixXd::Identity(columns.rows(), factors.rank());
+  const MatrixXd basis = range_basis(columns, kNothing);
   return from - basis * (basis.transpose() * from);
 }
 
@@ -155,9 +154,8 @@ struct Side {
 
   MatrixXd sqrt_covariance() const {
     const Index first = parts.free.range(UnknownGroup::geometric).first;
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(
-        parts.covariance.block(first, first, arm.size(), arm.size()));
-    return spectrum.eigenvectors() * spectrum.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+    const auto [values, vectors] = spectrum(parts.covariance.block(first, first, arm.size(), arm.size()));
+    return vectors * values.cwiseMax(0.0).cwiseSqrt().asDiagonal();
   }
 
   // Predicted positions of the points.
@@ -209,13 +207,13 @@ struct OpenDirections {
     const auto chain = T.middleCols(kBase, joined.size());
     MatrixXd own(T.rows(), static_cast<Index>(side.columns.size()) + base + targets);
     own << chain(Eigen::all, side.columns), T.leftCols(base), T.rightCols(targets);
-    const Eigen::CompleteOrthogonalDecomposition<MatrixXd> imitation(own);
+    const MatrixXd imitation = shortest_solution(own, MatrixXd(chain));
     for (std::size_t i = 0; i < other.columns.size(); ++i) {
       const Index column = other.columns[i];
       if (std::find(side.columns.begin(), side.columns.end(), column) != side.columns.end()) {
         continue;
       }
-      const VectorXd by = imitation.solve(VectorXd(chain.col(column)));
+      const VectorXd by = imitation.col(column);
       const VectorXd left = J.col(column) - J(Eigen::all, side.columns) * by.head(side.arm.size());
       if (left.norm() > kNothing * J.col(column).norm()) {
         add(left);
@@ -257,13 +255,12 @@ struct Differences {
 
 // W with W F F^T W^T = I on the span of F. `size`: squared norm beside which rounding is judged.
 MatrixXd whitening(const MatrixXd& F, double size) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(F.transpose() * F);
-  const VectorXd& values = spectrum.eigenvalues();
+  const auto [values, vectors] = spectrum(F.transpose() * F);
   const Index rank = (values.array() > kNothing * kNothing * size).count();
   if (rank == 0) {
     refuse_input("the calibrations determine nothing in common", "measurements of the same joints");
   }
-  return values.tail(rank).cwiseInverse().asDiagonal() * (F * spectrum.eigenvectors().rightCols(rank)).transpose();
+  return values.tail(rank).cwiseInverse().asDiagonal() * (F * vectors.rightCols(rank)).transpose();
 }
 
 // d = change + J1 e1 - J2 e2 has the covariance S = F F^T with F = [J1 C1^(1/2), J2 C2^(1/2)], and chi^2 = d^T S^+ d.
@@ -292,7 +289,7 @@ std::vector<ParameterChange> parameter_changes(const Differences& found, const S
   MatrixXd right(found.d.size(), found.F.cols() + 1);
   right << found.d, found.F;
   const MatrixXd J = found.J(Eigen::all, first.columns);
-  const MatrixXd changes = J.completeOrthogonalDecomposition().solve(right);
+  const MatrixXd changes = shortest_solution(J, right);
   std::vector<ParameterChange> result;
   for (Index i = 0; i < J.cols(); ++i) {
     const Unknown& unknown = first.arm.columns()[static_cast<std::size_t>(i)];

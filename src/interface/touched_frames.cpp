@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "estimation/prediction.hpp"
 
@@ -37,11 +38,11 @@ void find_tool(const std::vector<Isometry3d>& X_BF, const Eigen::Ref<const Matri
     A.middleRows<3>(3 * i) << X.linear(), -Eigen::Matrix3d::Identity();
     b.segment<3>(3 * i) = -X.translation() - slips.col(i);
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> squares(A.transpose() * A, Eigen::EigenvaluesOnly);
-  if (squares.eigenvalues()[0] < kLeastTurn * kLeastTurn * squares.eigenvalues()[5]) {
+  const VectorXd squares = eigenvalues(MatrixXd(A.transpose() * A));
+  if (squares[0] < kLeastTurn * kLeastTurn * squares[5]) {
     refuse_input("the touches of the tool hardly turn it", "orientations that differ by turns about two axes");
   }
-  const VectorXd p = A.householderQr().solve(b);
+  const VectorXd p = least_squares_solution(A, b);
   found.X_FT.translation() = p.head<3>();
   found.tool_residuals = (b - A * p).reshaped(3, count);
 }
@@ -69,11 +70,11 @@ Isometry3d frame_through(const Matrix3Xd& points) {
 // The frame in which the touched points have the stated coordinates, least squares (Umeyama 1991).
 void fit_frame(const Matrix3Xd& touched, const Matrix3Xd& stated, Found& found) {
   const Matrix3Xd centred = stated.colwise() - stated.rowwise().mean();
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> squares(centred * centred.transpose(), Eigen::EigenvaluesOnly);
-  if (!(squares.eigenvalues()[1] > kLeastAngle * kLeastAngle * squares.eigenvalues()[2])) {
+  const Vector3d squares = eigenvalues(Eigen::Matrix3d(centred * centred.transpose()));
+  if (!(squares[1] > kLeastAngle * kLeastAngle * squares[2])) {
     refuse_line();
   }
-  found.X_BU = Isometry3d(Eigen::umeyama(stated, touched, false));
+  found.X_BU = rigid_motion(stated, touched);
   found.user_residuals = (touched - found.X_BU.linear() * stated).colwise() - found.X_BU.translation();
 }
 

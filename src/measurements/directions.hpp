@@ -2,7 +2,7 @@
 
 // Rows that hold single coordinates or a distance instead of a whole point. Not installed.
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -26,11 +26,7 @@ inline Eigen::Vector3d from_anchor(const Eigen::Vector3d& anchor, const Eigen::V
 }
 
 /// The projector P onto the measured directions of a row whose point is predicted at f in W.
-inline Eigen::Matrix3d directions_at(const Measurements& measurements, std::size_t row, const Eigen::Vector3d& f) {
-  const MeasuredCoordinates measured = coordinates_at(measurements, row);
-  const Eigen::Vector3d n = from_anchor(measurements.observations[row].position, f);
-  return measured.distance > 0.0 ? Eigen::Matrix3d(n * n.transpose()) : measured.directions;
-}
+Eigen::Matrix3d directions_at(const Measurements& measurements, std::size_t row, const Eigen::Vector3d& f);
 
 /// Measured minus predicted [m]: P (z - f), or n (d - |f - a|) for the distance d of f from the anchor a.
 inline Eigen::Vector3d difference_at(const Measurements& measurements, std::size_t row, const Eigen::Vector3d& f) {
@@ -71,19 +67,9 @@ bool has_single_coordinates_in(const Measurements& measurements, const std::stri
 Measurements whole_points(const Measurements& measurements);
 
 /// R of information = R R^T, a sum of weighted projectors: one column for each direction that it determines.
-inline Eigen::Matrix3Xd root_of_directions(const Eigen::Matrix3d& information) {
-  constexpr double kNothing = 1e-12;  // of the largest eigenvalue
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spectrum(information);
-  const Eigen::Index count = (spectrum.eigenvalues().array() > kNothing * spectrum.eigenvalues()[2]).count();
-  return spectrum.eigenvectors().rightCols(count) * spectrum.eigenvalues().tail(count).cwiseSqrt().asDiagonal();
-}
-
+Eigen::Matrix3Xd root_of_directions(const Eigen::Matrix3d& information);
 /// The projector onto these directions, and the pseudo-inverse of R R^T.
-inline Eigen::Matrix3d projector(const Eigen::Matrix3Xd& R) {
-  return R * R.colwise().squaredNorm().cwiseInverse().asDiagonal() * R.transpose();
-}
-inline Eigen::Matrix3d pseudo_inverse(const Eigen::Matrix3Xd& R) {
-  return R * R.colwise().squaredNorm().cwiseAbs2().cwiseInverse().asDiagonal() * R.transpose();
-}
+Eigen::Matrix3d projector(const Eigen::Matrix3Xd& R);
+Eigen::Matrix3d inverse_on_directions(const Eigen::Matrix3Xd& R);
 
 }  // namespace kdl_calibration

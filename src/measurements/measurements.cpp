@@ -1,4 +1,5 @@
 #include "kdl_calibration/measurements.hpp"
+#include "base/decompositions.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -31,7 +32,7 @@ Eigen::Quaterniond mean_orientation(const std::vector<Eigen::Quaterniond>& orien
   if (given.size() == 1) return given.front();
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
   for (const Eigen::Quaterniond& q : given) sum += q.coeffs() * q.coeffs().transpose();
-  const Eigen::Vector4d mean = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(sum).eigenvectors().col(3).normalized();
+  const Eigen::Vector4d mean = spectrum(sum).vectors.col(3).normalized();
   return Eigen::Quaterniond(mean.dot(given.front().coeffs()) < 0.0 ? Eigen::Vector4d(-mean) : mean);
 }
 
@@ -77,7 +78,7 @@ MeasuredCoordinates take_mean_of_coordinates(const Measurements& measurements, c
     return {.distance = distances / weights};
   }
   const Eigen::Matrix3Xd R = root_of_directions(L);
-  mean.position = pseudo_inverse(R) * sum;
+  mean.position = inverse_on_directions(R) * sum;
   mean.sigma = all_stated ? std::sqrt(static_cast<double>(R.cols()) / L.trace()) : 0.0;
   return {.directions = projector(R)};
 }

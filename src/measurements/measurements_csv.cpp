@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/csv.hpp"
+#include "base/decompositions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -199,8 +200,8 @@ std::string measurements_csv(const Robot& robot, const Measurements& measurement
   const std::vector<std::size_t> independent = independent_joints(robot.joints);
   Measurements counted = measurements;
   counted.joints = matched.controller_joints;
-  counted.joint_values = matched.matrix.partialPivLu().solve(
-      independent_joint_values(robot.joints, measurements.joint_values).colwise() - matched.offset);
+  counted.joint_values = solution(
+      matched.matrix, independent_joint_values(robot.joints, measurements.joint_values).colwise() - matched.offset);
   counted.joint_units.assign(counted.joints.size(), JointUnit::radian);
   for (std::size_t j = 0; j < counted.joints.size(); ++j) {
     for (std::size_t i = 0; i < independent.size(); ++i) {

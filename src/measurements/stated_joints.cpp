@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include "base/csv.hpp"
+#include "base/decompositions.hpp"
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
@@ -92,7 +93,7 @@ MatrixXd column_values(const StatedJoints& stated, const MatrixXd& joint_values)
   const ExpectedJoints& joints = stated.joints;
   MatrixXd values = independent_joint_values(joints.joints, joint_values);
   if (joints.convention != nullptr) {
-    values = joints.convention->matrix.partialPivLu().solve(values.colwise() - joints.convention->offset).eval();
+    values = solution(joints.convention->matrix, values.colwise() - joints.convention->offset);
   }
   const std::vector<std::size_t> rows_of = independent_joints(joints.joints);
   for (std::size_t i = 0; i < rows_of.size(); ++i) {

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 
+#include "base/decompositions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/directions.hpp"
@@ -96,8 +97,8 @@ LooseRotations loose_rotations(const Measurements& station) {
     const Eigen::Vector3d arm = point - result.centre;
     squares += (arm.squaredNorm() * Eigen::Matrix3d::Identity() - arm * arm.transpose()) / count;
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spectrum(squares);
-  result.axes = spectrum.eigenvectors().leftCols((spectrum.eigenvalues().array() < kShortest * kShortest).count());
+  const auto [values, vectors] = spectrum(squares);
+  result.axes = vectors.leftCols((values.array() < kShortest * kShortest).count());
   return has_single_coordinates(station) && !may_lie_there(result, station) ? LooseRotations() : result;
 }
 

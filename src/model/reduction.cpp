@@ -7,9 +7,9 @@
 #include <numeric>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
-#include "base/triangular_factor.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
 #include "robot/mimic.hpp"

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/distributions.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
@@ -38,7 +39,7 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
       const double q = means.joint_values(j, rows[static_cast<std::size_t>(r)].configuration);
       terms.row(r) << 1.0, std::sin(q), std::cos(q);
     }
-    const MatrixXd fitted = terms * terms.completeOrthogonalDecomposition().solve(residuals);
+    const MatrixXd fitted = terms * shortest_solution(terms, MatrixXd(residuals));
     explained.push_back(total > 0.0 ? 1.0 - (residuals - fitted).squaredNorm() / total : 0.0);
   }
   return explained;
@@ -78,10 +79,10 @@ public:
     for (int round = 0; round < kMostRounds; ++round) {
       const VectorXd weight = freedom.cwiseQuotient(fitted.cwiseAbs2());
       normal = design.transpose() * weight.asDiagonal() * design;
-      variances_ = normal.completeOrthogonalDecomposition().solve(design.transpose() * weight.cwiseProduct(variance));
+      variances_ = shortest_solution(normal, VectorXd(design.transpose() * weight.cwiseProduct(variance)));
       fitted = (design * variances_).cwiseMax(1e-6 * variance.maxCoeff());
     }
-    covariance_ = 2.0 * normal.completeOrthogonalDecomposition().pseudoInverse();
+    covariance_ = 2.0 * pseudo_inverse(normal);
   }
 
   Scatter of(const Stratum& stratum) const {
@@ -129,9 +130,8 @@ std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measure
   VectorXd step = gradient;
   MatrixXd C = information;
   if (free.size() > 0) {  // Eigen cannot decompose a matrix without columns
-    const auto factor = information.completeOrthogonalDecomposition();
-    step = factor.solve(gradient);
-    C = factor.pseudoInverse();
+    step = shortest_solution(information, gradient);
+    C = pseudo_inverse(information);
   }
   LackOfFit result;
   double sum_of_logarithms = 0.0;

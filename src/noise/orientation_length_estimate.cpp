@@ -5,6 +5,7 @@
 #include <cmath>
 #include <optional>
 
+#include "base/decompositions.hpp"
 #include "estimation/residual_options.hpp"
 
 namespace kdl_calibration {
@@ -31,8 +32,8 @@ std::optional<double> ratio_of_variances(const FitProblem& problem, const Residu
   const Eigen::VectorXd scale = unit_scale_of_information(N.hessian);
   const Eigen::MatrixXd scaled = scale.asDiagonal() * N.hessian * scale.asDiagonal();
   const Eigen::MatrixXd scaled_p = scale.asDiagonal() * N_p.hessian * scale.asDiagonal();
-  const double trace_p = std::clamp(scaled.completeOrthogonalDecomposition().solve(scaled_p).trace(), 0.0,
-                                    static_cast<double>(scaled.cols()));
+  const double trace_p =
+      std::clamp(shortest_solution(scaled, scaled_p).trace(), 0.0, static_cast<double>(scaled.cols()));
   const double trace_o = std::max(static_cast<double>(scaled.cols()) - trace_p, 0.0);
   const double freedom_p = rows_p - trace_p;
   const double freedom_o = rows - rows_p - trace_o;

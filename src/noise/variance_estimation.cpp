@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/dense.hpp"
 #include "base/distributions.hpp"
 #include "estimation/linear_system.hpp"
@@ -32,7 +33,7 @@ bool go_to_active(const MatrixXd& normal, const VectorXd& right, std::vector<boo
     }
   }
   const MatrixXd part = normal(chosen, chosen);
-  const VectorXd solution = part.completeOrthogonalDecomposition().solve(VectorXd(right(chosen)));
+  const VectorXd solution = shortest_solution(part, VectorXd(right(chosen)));
   double step = 1.0;
   Index first = -1;
   for (std::size_t i = 0; i < chosen.size(); ++i) {
@@ -109,7 +110,7 @@ MatrixXd inverse_correlation(const MatrixXd& expected, const VectorXd& weights) 
   const VectorXd left = weights.cwiseQuotient(root);
   const VectorXd right = weights.cwiseProduct(root).cwiseInverse();
   const MatrixXd correlation = left.asDiagonal() * expected * right.asDiagonal();
-  return MatrixXd(0.5 * (correlation + correlation.transpose())).completeOrthogonalDecomposition().pseudoInverse();
+  return pseudo_inverse(MatrixXd(0.5 * (correlation + correlation.transpose())));
 }
 
 }  // namespace
@@ -420,7 +421,7 @@ NoiseParts VarianceEstimation::parts() const {
   if (!positive.empty()) {
     const MatrixXd expand = task_.unknown(Eigen::all, positive);
     const MatrixXd fisher = fisher_(positive, positive);
-    result.covariance = expand * fisher.completeOrthogonalDecomposition().pseudoInverse() * expand.transpose();
+    result.covariance = expand * pseudo_inverse(fisher) * expand.transpose();
   }
   result.scatter = with_own_weights_ ? MatrixXd() : task_.priors;
   result.sensitivity.resize(static_cast<std::size_t>(NoiseParts::kCount));

@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -98,7 +99,7 @@ bool meet_in_one_point(const std::vector<Line>& axes, std::size_t first, std::si
     normal += across;
     right += across * axes[i].point;
   }
-  const Vector3d point = normal.completeOrthogonalDecomposition().solve(right);
+  const Vector3d point = pseudo_inverse(normal) * right;
   return std::all_of(
       axes.begin() + static_cast<std::ptrdiff_t>(first), axes.begin() + static_cast<std::ptrdiff_t>(end),
       [&](const Line& axis) { return axis.turns && (point - axis.point).cross(axis.direction).norm() < kTolerance; });

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/csv.hpp"
+#include "base/decompositions.hpp"
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/preconditions.hpp"
@@ -187,7 +188,7 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   csv += plan.distances ? ",distance[m]\n" : ",x[m],y[m],z[m]\n";
   MatrixXd values = independent_joint_values(joints, plan.joint_values);
   if (convention != nullptr) {
-    values = convention->matrix.partialPivLu().solve(values.colwise() - convention->offset).eval();
+    values = solution(convention->matrix, values.colwise() - convention->offset);
   }
   for (Index c = 0; c < values.cols(); ++c) {
     const std::string& label = plan.configurations[static_cast<std::size_t>(c)];

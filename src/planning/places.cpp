@@ -3,6 +3,7 @@
 #include <Eigen/QR>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "estimation/least_squares.hpp"
 #include "planning/plate.hpp"
 #include "selection/parameter_selection.hpp"
@@ -28,11 +29,7 @@ MatrixXd scaled(MatrixXd columns, const MatrixXd& before) {
   return columns;
 }
 
-Eigen::ColPivHouseholderQR<MatrixXd> pivots(const MatrixXd& columns) {
-  Eigen::ColPivHouseholderQR<MatrixXd> result(scaled(columns, columns));
-  result.setThreshold(kNothing);
-  return result;
-}
+MatrixXd range_of(const MatrixXd& columns) { return range_basis(scaled(columns, columns), kNothing); }
 
 }  // namespace
 
@@ -90,8 +87,7 @@ DeterminedByRows determined_by(const PlacedRows& rows) {
   const Unknowns free(model, truth.targets, select_parameters(model, truth.targets, {}).free);
   const MatrixXd J = LeastSquaresProblem(model, rows.measurements, free).whitened_summary(truth).sqrt_information;
   const Index bases = free.range(UnknownGroup::base).count;
-  const auto of_bases = pivots(J.leftCols(bases));
-  const MatrixXd Q = MatrixXd(of_bases.householderQ()).leftCols(of_bases.rank());
+  const MatrixXd Q = range_of(J.leftCols(bases));
   const MatrixXd arm = J.rightCols(J.cols() - bases);
 
   DeterminedByRows result;
@@ -99,7 +95,7 @@ DeterminedByRows determined_by(const PlacedRows& rows) {
   result.arm_names.assign(names.begin() + bases, names.end());
   result.arm = identifiability(scaled(arm - Q * (Q.transpose() * arm), arm), result.arm_names, {.tolerance = kNothing});
   for (Index station = 0; station < bases; station += 6) {
-    result.bases.push_back(static_cast<int>(pivots(J.middleCols(station, 6)).rank()));
+    result.bases.push_back(static_cast<int>(range_of(J.middleCols(station, 6)).cols()));
   }
   return result;
 }

@@ -60,7 +60,7 @@ double gain(const MatrixXd& A, const MatrixXd& C, const MatrixXd& C_b) {
 
 // Exchanges one member after another for the best candidate at the same station, until none is worth it.
 void exchange(Choice& choice) {
-  constexpr double kLeastGain = 1e-6;
+  constexpr double kWorthWhile = 1e-6;
   constexpr int kMostPasses = 30;
   std::vector<bool> is_member(choice.candidates.size(), false);
   for (const std::size_t member : choice.members) {
@@ -75,7 +75,7 @@ void exchange(Choice& choice) {
       const MatrixXd C = inverse(M);
       const MatrixXd C_b = inverse(M.topLeftCorner(choice.bases, choice.bases));
       std::size_t best = member;
-      double most = gain(own, C, C_b) + kLeastGain;
+      double most = gain(own, C, C_b) + kWorthWhile;
       for (std::size_t i = 0; i < choice.candidates.size(); ++i) {
         if (is_member[i] || choice.stations[i] != choice.stations[member]) {
           continue;

@@ -9,6 +9,7 @@
 #include <set>
 #include <string>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "effects/effect_terms.hpp"
 #include "estimation/input_check.hpp"
@@ -277,7 +278,7 @@ std::vector<MatrixXd> reduced_designs(const Experiment& experiment, const Matrix
   std::vector<MatrixXd> result(counts.size());
   for (std::size_t k = counts.size(); k-- > 0;) {
     while (own.size() > static_cast<std::size_t>(counts[k])) {
-      const MatrixXd covariance = left.completeOrthogonalDecomposition().pseudoInverse();
+      const MatrixXd covariance = pseudo_inverse(left);
       const auto least = std::min_element(own.begin(), own.end(), [&](const MatrixXd& a, const MatrixXd& b) {
         return covariance.cwiseProduct(a).sum() < covariance.cwiseProduct(b).sum();
       });

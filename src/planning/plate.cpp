@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "effects/arm_kinematics.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -62,8 +63,8 @@ public:
           }
           break;
         }
-        const Matrix3Xd J = jacobian.topRows<3>() - skew(X_BF.linear() * ball_) * jacobian.bottomRows<3>();
-        const VectorXd move = J.completeOrthogonalDecomposition().solve(error);
+        const MatrixXd J = jacobian.topRows<3>() - skew(X_BF.linear() * ball_) * jacobian.bottomRows<3>();
+        const VectorXd move = shortest_solution(J, VectorXd(error));
         q += move * std::min(1.0, kLongest / move.norm());
       }
     }

@@ -10,6 +10,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
@@ -59,8 +60,8 @@ void require_information(const Experiment& experiment, const MatrixXd& informati
 
 // Least number of configurations that can determine the parameters together with `given`.
 int least_count(const Experiment& experiment, const MatrixXd& given) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(given, Eigen::EigenvaluesOnly);
-  const Index missing = (eigen.eigenvalues().array() <= 1e-14 * eigen.eigenvalues().maxCoeff()).count();
+  const VectorXd values = eigenvalues(given);
+  const Index missing = (values.array() <= 1e-14 * values.maxCoeff()).count();
   const auto rows = 3 * static_cast<Index>(experiment.targets.size());
   return static_cast<int>((missing + rows - 1) / rows);
 }

@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "estimation/identification.hpp"
 #include "estimation/input_check.hpp"
@@ -124,8 +125,7 @@ ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_valu
       }
       return result;
     };
-    const Eigen::Matrix4d move = Eigen::umeyama(points(estimate), points(with_targets_of(estimate, arms.truth)), false);
-    estimate.X_WB = Eigen::Isometry3d(move) * estimate.X_WB;
+    estimate.X_WB = rigid_motion(points(estimate), points(with_targets_of(estimate, arms.truth))) * estimate.X_WB;
   }
   arms.model.stations.clear();
   estimate.other_bases.clear();

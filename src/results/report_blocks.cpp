@@ -9,6 +9,7 @@
 #include <set>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/number_range.hpp"
 #include "base/thinned.hpp"
 #include "calibration/parameter_estimates.hpp"
@@ -224,9 +225,9 @@ ShownJoints shown_joints(const ErrorModel& model, const Eigen::MatrixXd& q,
     return {.joints = joints_json(model), .values = q};
   }
   const JointConvention convention = matched_convention(*given, independent_joint_names(model.joints));
-  return {.joints = of_controller(convention, model.joints),
-          .values = convention.matrix.partialPivLu().solve(independent_joint_values(model.joints, q).colwise() -
-                                                           convention.offset)};
+  return {
+      .joints = of_controller(convention, model.joints),
+      .values = solution(convention.matrix, independent_joint_values(model.joints, q).colwise() - convention.offset)};
 }
 
 Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/degree.hpp"
 #include "base/distributions.hpp"
 #include "base/preconditions.hpp"
@@ -140,16 +141,15 @@ private:
 EarlierComparison compared(const EarlierRows& rows, const MatrixXd& L) {
   constexpr double kTold = 1e-8;
   constexpr double kFreedomOfEarlier = 10.0;
-  const Eigen::HouseholderQR<MatrixXd> frames(rows.F);
   MatrixXd left(rows.y.size(), L.cols() + 1);
   left << rows.G * L, rows.y;
-  left = (frames.householderQ().transpose() * left).eval().bottomRows(rows.y.size() - rows.F.cols());
+  left = outside_span(rows.F, left);
   const MatrixXd H = left.leftCols(L.cols());
   const VectorXd z = left.rightCols<1>();
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> spectrum(H.transpose() * H);
-  const Index rank = (spectrum.eigenvalues().array() > kTold).count();
-  const Eigen::ArrayXd l = spectrum.eigenvalues().tail(rank);
-  const Eigen::ArrayXd w2 = (spectrum.eigenvectors().rightCols(rank).transpose() * (H.transpose() * z)).cwiseAbs2();
+  const auto [values, vectors] = spectrum(H.transpose() * H);
+  const Index rank = (values.array() > kTold).count();
+  const Eigen::ArrayXd l = values.tail(rank);
+  const Eigen::ArrayXd w2 = (vectors.rightCols(rank).transpose() * (H.transpose() * z)).cwiseAbs2();
   const double freedom = kFreedomOfEarlier + static_cast<double>(std::max(z.size() - rank, Index{0}));
   const double s2 = (kFreedomOfEarlier + std::max(z.squaredNorm() - (w2 / l).sum(), 0.0)) / freedom;
   const auto k = static_cast<double>(rank);

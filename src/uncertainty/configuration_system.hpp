@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "estimation/identification.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/prediction.hpp"
@@ -28,11 +29,9 @@ struct ConfigurationSystem {
   std::vector<std::int32_t> targets;
   std::vector<std::vector<Eigen::Index>> rows;  ///< of each point among the columns of U
 
-  /// U^-1 whitened, for a vector or a matrix.
-  template <class Whitened>
-  Whitened in_metres(const Whitened& whitened) const {
-    return U.rows() == U.cols() ? Whitened(U.partialPivLu().solve(whitened))
-                                : Whitened(U.completeOrthogonalDecomposition().solve(whitened));
+  /// U^-1 whitened, column by column.
+  Eigen::MatrixXd in_metres(const Eigen::MatrixXd& whitened) const {
+    return U.rows() == U.cols() ? solution(U, whitened) : shortest_solution(U, whitened);
   }
 };
 

@@ -7,9 +7,10 @@
 #include <numbers>
 #include <optional>
 
+#include "base/decompositions.hpp"
 #include "base/dense.hpp"
 #include "base/preconditions.hpp"
-#include "base/triangular_factor.hpp"
+#include "base/singular_values.hpp"
 #include "model/kinematics.hpp"
 #include "uncertainty/unit_columns.hpp"
 
@@ -90,8 +91,7 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
 
 // For x = C^(1/2) z with z = rho v, P(|x| < r) is the mean over the directions v of P(rho < r / |C^(1/2) v|).
 double radius_of_probability(const Matrix3d& covariance, double probability) {
-  const Vector3d variances =
-      Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance, Eigen::EigenvaluesOnly).eigenvalues().cwiseMax(0.0);
+  const Vector3d variances = eigenvalues(covariance).cwiseMax(0.0);
   constexpr int kSteps = 40;  // midpoint rule over an octant
   std::vector<double> lengths;
   for (int i = 0; i < kSteps; ++i) {

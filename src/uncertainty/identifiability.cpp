@@ -7,8 +7,9 @@
 #include <numeric>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
-#include "base/triangular_factor.hpp"
+#include "base/singular_values.hpp"
 #include "uncertainty/unit_columns.hpp"
 
 namespace kdl_calibration {
@@ -70,7 +71,7 @@ std::vector<std::vector<std::string>> dependencies(const MatrixXd& sqrt_informat
       continue;
     }
     const MatrixXd basis = sqrt_information(Eigen::all, independent);
-    const VectorXd coefficients = basis.colPivHouseholderQr().solve(column);
+    const VectorXd coefficients = least_squares_solution(basis, column);
     if ((basis * coefficients - column).norm() > tolerance) {
       independent.push_back(c);
       continue;
@@ -117,13 +118,12 @@ Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std:
   }
   const MatrixXd sqrt_information = scaled_triangle(jacobian);
   result.singular_values = VectorXd::Zero(jacobian.cols());
-  const Eigen::BDCSVD<MatrixXd> svd(sqrt_information, Eigen::ComputeThinV);
-  const VectorXd& values = svd.singularValues();
+  const auto [values, V] = singular_system(sqrt_information);
   result.singular_values.head(values.size()) = values;
   const double largest = values[0];
   result.rank = rank_of(values, options);
   for (Index i = result.rank; i-- > 0 && values[i] < options.weak * largest;) {
-    result.weak.push_back(heaviest(svd.matrixV().col(i), names));
+    result.weak.push_back(heaviest(V.col(i), names));
   }
   const bool full = result.rank == result.columns;
   result.condition = full ? largest / values[values.size() - 1] : std::numeric_limits<double>::infinity();

@@ -5,8 +5,8 @@
 #include <limits>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
-#include "base/triangular_factor.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/residual_options.hpp"
 #include "measurements/training_rows.hpp"
@@ -45,15 +45,14 @@ MatrixXd measured_directions(const MatrixXd& U, bool is_whole) {
   if (is_whole) {
     return U;
   }
-  const Eigen::ColPivHouseholderQR<MatrixXd> range(U);
-  return MatrixXd(range.householderQ()).leftCols(range.rank());
+  return range_basis(U);
 }
 
 void add(const ConfigurationSystem& system, std::int32_t configuration, ConfigurationInfluence& entry, Totals& totals) {
   const Index m = system.e.size();
   const MatrixXd H = system.B * system.B.transpose();
   const MatrixXd rest = MatrixXd::Identity(m, m) - H;
-  const VectorXd leverages = system.in_metres(MatrixXd(H * system.U)).diagonal();
+  const VectorXd leverages = system.in_metres(H * system.U).diagonal();
   entry.configuration = configuration;
   entry.leverage = H.trace();
   entry.cook = change_without(system, rest, MatrixXd::Identity(m, m));

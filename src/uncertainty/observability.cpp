@@ -3,7 +3,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "base/triangular_factor.hpp"
+#include "base/decompositions.hpp"
+#include "base/singular_values.hpp"
 #include "uncertainty/unit_columns.hpp"
 
 namespace kdl_calibration {

@@ -3,7 +3,7 @@
 // Jacobians with their columns scaled to unit norm, which makes their singular values independent of units.
 // Not installed.
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <optional>
 #include <utility>
 
@@ -19,15 +19,6 @@ inline Eigen::VectorXd unit_scale(const Eigen::MatrixXd& jacobian) {
   return jacobian.colwise().norm().transpose().unaryExpr([](double norm) { return norm > 0.0 ? 1.0 / norm : 0.0; });
 }
 
-/// With more columns singular values come from divide and conquer: ten times faster, exact relative to the largest one
-/// only.
-constexpr Eigen::Index kManyColumns = 100;
-
-inline Eigen::VectorXd singular_values(const Eigen::MatrixXd& matrix) {
-  return matrix.cols() > kManyColumns ? Eigen::BDCSVD<Eigen::MatrixXd>(matrix).singularValues()
-                                      : Eigen::JacobiSVD<Eigen::MatrixXd>(matrix).singularValues();
-}
-
 /// The inverse of an upper triangular matrix with a condition number below a million, else empty. The product of both
 /// Frobenius norms bounds that number, at a tenth of the cost of singular values.
 inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& sqrt_information) {
@@ -40,19 +31,6 @@ inline std::optional<Eigen::MatrixXd> regular_inverse(const Eigen::MatrixXd& sqr
   invert_lower(inverse);
   inverse.transposeInPlace();
   return sqrt_information.norm() * inverse.norm() < kRegular ? std::optional(std::move(inverse)) : std::nullopt;
-}
-
-/// Singular values and all right singular vectors.
-struct SingularSystem {
-  Eigen::VectorXd values;
-  Eigen::MatrixXd V;
-};
-inline SingularSystem singular_system(const Eigen::MatrixXd& matrix) {
-  const auto system_of = [](const auto& svd) {
-    return SingularSystem{.values = svd.singularValues(), .V = svd.matrixV()};
-  };
-  return matrix.cols() > kManyColumns ? system_of(Eigen::BDCSVD<Eigen::MatrixXd>(matrix, Eigen::ComputeFullV))
-                                      : system_of(Eigen::JacobiSVD<Eigen::MatrixXd>(matrix, Eigen::ComputeFullV));
 }
 
 }  // namespace kdl_calibration

@@ -9,9 +9,9 @@
 #include <span>
 #include <utility>
 
+#include "base/decompositions.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
-#include "base/triangular_factor.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
@@ -180,7 +180,7 @@ private:
   // Adds the configuration's points: residual after the step and covariance, in metres.
   void add_points(const ConfigurationSystem& system, Index configuration, const WithoutFold& without,
                   std::vector<HeldOutPoint>& points) const {
-    const VectorXd left = system.in_metres(VectorXd(system.e - system.B * without.step()));
+    const VectorXd left = system.in_metres(system.e - system.B * without.step());
     const MatrixXd J = system.in_metres(system.B);
     const Measurements& measurements = problem_.measurements;
     const auto X_BF = flange_poses(problem_.model, problem_.start, measurements.joint_values.col(configuration),

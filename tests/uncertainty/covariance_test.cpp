@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "base/random.hpp"
-#include "base/triangular_factor.hpp"
 #include "estimation/identification.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "noise/noise_components.hpp"
