@@ -254,16 +254,6 @@ ValidationTask validation_task(const WeighedFit& fitted, const Assessment& asses
           .options = options.validation};
 }
 
-// What `check` says of the rows that are whole points.
-template <class Check>
-auto of_whole_points(const FitProblem& problem, Check check) {
-  if (!has_single_coordinates(problem.measurements)) {
-    return check(problem);
-  }
-  const Measurements whole = whole_points(problem.measurements);
-  return whole.observations.empty() ? decltype(check(problem))() : check(with_measurements(problem, whole));
-}
-
 GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& options) {
   if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
     return {};
@@ -272,14 +262,7 @@ GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& option
   problem.start = fitted.fit.identification.estimate;
   problem.free = fitted.fit.free;
   problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostGrossGroups + 1);
-  GrossRows found = of_whole_points(problem, find_gross_rows_beside_effects);
-  // The other rows of its configuration were not looked at.
-  for (GrossRow& row : found.rows) {
-    if (has_single_coordinates_in(problem.measurements, row.configuration)) {
-      row.target.clear();
-    }
-  }
-  return found;
+  return find_gross_rows_beside_effects(problem);
 }
 
 NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationSettings& options) {
@@ -342,8 +325,13 @@ std::optional<OffsetsAlone> fitted_offsets_alone(FitProblem rigid, const Unknown
 
 std::vector<QualityFinding> screened(const FitProblem& problem, const Measurements& measurements,
                                      const ProgressFunction& progress) {
-  return with_progress(progress, "screening the measurements",
-                       [&] { return of_whole_points(with_measurements(problem, measurements), screen); });
+  return with_progress(progress, "screening the measurements", [&] {
+    if (!has_single_coordinates(measurements)) {
+      return screen(with_measurements(problem, measurements));
+    }
+    const Measurements whole = whole_points(measurements);
+    return whole.observations.empty() ? std::vector<QualityFinding>() : screen(with_measurements(problem, whole));
+  });
 }
 
 }  // namespace
@@ -368,10 +356,11 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
       select_model(choice, rigid_fit.identification, determines_arm(rigid_fit), options.estimator.method);
   if (!model.stations.empty()) {
     selection.not_tried += selection.not_tried.empty() ? "" : "; ";
-    selection.not_tried += has_single_coordinates(measurements)
-                               ? "checks of repeats and of rows that are no whole points, parts of the noise, other "
-                                 "readings of the data (single coordinates)"
-                               : "other readings of the data (several stations)";
+    selection.not_tried +=
+        has_single_coordinates(measurements)
+            ? "checks of repeats and of typing errors in rows that are no whole points, parts of the "
+              "noise, other readings of the data (single coordinates)"
+            : "other readings of the data (several stations)";
   }
   if (with_earlier) {
     selection.terms = options.selection.earlier->terms;

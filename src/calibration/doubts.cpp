@@ -190,33 +190,15 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
 
 // What distances and single coordinates cannot show by their residuals.
 Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements) {
-  constexpr double kMostOpen = 10.0;   // of the noise
-  constexpr double kMostApart = 10.0;  // of the median; 80 normal errors stay below 6
+  constexpr double kMostOpen = 10.0;  // of the noise
   Doubts doubts;
   if (!has_single_coordinates(measurements)) {
     return doubts;
   }
-  std::vector<double> lengths;
-  const HeldOutPoint* farthest = nullptr;
-  for (const HeldOutPoint& point : found.held_out_points) {
-    lengths.push_back(point.residual.norm());
-    farthest = farthest == nullptr || lengths.back() > farthest->residual.norm() ? &point : farthest;
-  }
   const bool is_named = !diagnosis.gross_rows.rows.empty() || !diagnosis.findings.empty();
-  if (farthest != nullptr && !is_named &&
-      farthest->residual.norm() > std::max(kMostApart * median(lengths), kSmallest)) {
-    const std::string& label = measurements.configurations[static_cast<std::size_t>(farthest->configuration)];
-    const std::string& target = measurements.targets[static_cast<std::size_t>(farthest->target)];
-    doubts.push_back(
-        {.cause = Cause::gross_rows,
-         .message = fmt::format("not where all others put it: configuration {}, target {} by {}; check it, "
-                                "or leave it out with --exclude '{}:{}'",
-                                label, target, in_millimetres(farthest->residual.norm()), label, target)});
-  }
   const bool are_many = 2 * rows_of_single_coordinates(measurements) > measurements.observations.size();
   const ErrorStatistics& open = found.uncertainty.predicted.measured;
-  if (doubts.empty() && !is_named && are_many && open.count > 0 && open.rms > kMostOpen * found.noise.sigma &&
-      open.rms > kSmallest) {
+  if (!is_named && are_many && open.count > 0 && open.rms > kMostOpen * found.noise.sigma && open.rms > kSmallest) {
     doubts.push_back({.cause = Cause::not_determined,
                       .message = fmt::format(
                           "the coordinates or distances agree with the fit, but the whole points are uncertain by {} "

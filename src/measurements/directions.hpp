@@ -60,9 +60,6 @@ inline std::size_t rows_of_single_coordinates(const Measurements& measurements) 
                     [](const MeasuredCoordinates& measured) { return coordinates_of(measured) < 3; }));
 }
 
-/// Whether the configuration with this label has rows that are no whole points.
-bool has_single_coordinates_in(const Measurements& measurements, const std::string& configuration);
-
 /// The rows that are whole points, as measurements without single coordinates; none if there are no such rows.
 Measurements whole_points(const Measurements& measurements);
 

@@ -125,16 +125,6 @@ Measurements subset(const Measurements& measurements, const std::function<bool(c
   return kept;
 }
 
-bool has_single_coordinates_in(const Measurements& measurements, const std::string& configuration) {
-  for (std::size_t row = 0; row < measurements.coordinates.size(); ++row) {
-    const auto number = static_cast<std::size_t>(measurements.observations[row].configuration);
-    if (coordinates_of(measurements, row) < 3 && measurements.configurations[number] == configuration) {
-      return true;
-    }
-  }
-  return false;
-}
-
 Measurements whole_points(const Measurements& measurements) {
   const Observation* const first = measurements.observations.data();
   Measurements whole = subset(measurements, [&](const Observation& o) {

@@ -11,6 +11,7 @@
 #include "base/distributions.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/residual_options.hpp"
+#include "measurements/directions.hpp"
 #include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
@@ -55,6 +56,7 @@ Search begin(const FitProblem& problem) {
 // A group of means and the effect of leaving it out.
 struct GrossGroup {
   std::vector<std::size_t> means;
+  double coordinates = 0.0;
   double decrease = 0.0;  // of the sum of squares
 };
 
@@ -62,11 +64,16 @@ struct GrossGroup {
 struct Equations {
   WhitenedSystem system;
   Eigen::LLT<MatrixXd> information;
-  std::vector<Index> first_row;  // of each mean; position rows only
+  std::vector<Index> first_row;  // of each mean, whose coordinates follow one another
   double squares = 0.0;
   double freedom = 0.0;
   double rms = 0.0;  // [m]
 };
+
+// Measured minus predicted [m].
+Vector3d misfit(const Search& search, const std::vector<Eigen::Isometry3d>& X_BF, std::size_t mean) {
+  return difference_at(search.means, mean, predicted_point(search.estimate, X_BF, search.means.observations[mean]));
+}
 
 std::optional<Equations> fitted(Search& search) {
   const FitProblem& problem = search.problem;
@@ -91,32 +98,33 @@ std::optional<Equations> fitted(Search& search) {
     return std::nullopt;
   }
   result.first_row.resize(search.weights.size());
-  double in = 0.0;
+  double points = 0.0;
   double square_metres = 0.0;
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, search.estimate, search.means);
   for (std::size_t c = 0; c < search.of_configuration.size(); ++c) {
     Index row = result.system.blocks[c];
     for (const std::size_t i : search.of_configuration[c]) {
       result.first_row[i] = row;
-      row += 3;
+      const int coordinates = coordinates_of(search.means, i);
+      row += coordinates;
       if (search.weights[i] == 1.0) {
-        const Observation& o = search.means.observations[i];
-        in += 1.0;
-        square_metres += (o.position - predicted_point(search.estimate, X_BF, o)).squaredNorm();
+        points += 1.0;
+        result.freedom += coordinates;
+        square_metres += misfit(search, X_BF, i).squaredNorm();
       }
     }
   }
   result.squares = result.system.residual.squaredNorm();
-  result.freedom = 3.0 * in - static_cast<double>(problem.free.size());
-  result.rms = std::sqrt(square_metres / std::max(in, 1.0));
+  result.freedom -= static_cast<double>(problem.free.size());
+  result.rms = std::sqrt(square_metres / std::max(points, 1.0));
   return result;
 }
 
-GrossGroup group_of(const Equations& equations, std::vector<std::size_t> means) {
+GrossGroup group_of(const Search& search, const Equations& equations, std::vector<std::size_t> means) {
   std::vector<Index> rows;
   for (const std::size_t i : means) {
-    for (Index axis = 0; axis < 3; ++axis) {
-      rows.push_back(equations.first_row[i] + axis);
+    for (Index k = 0; k < coordinates_of(search.means, i); ++k) {
+      rows.push_back(equations.first_row[i] + k);
     }
   }
   const MatrixXd J = equations.system.jacobian(rows, Eigen::all);
@@ -125,7 +133,7 @@ GrossGroup group_of(const Equations& equations, std::vector<std::size_t> means) 
   const MatrixXd rest = MatrixXd::Identity(count, count) - J * equations.information.solve(J.transpose());
   const Eigen::LDLT<MatrixXd> factor(rest);
   constexpr double kDetermined = 1e-6;  // least share of information without the group
-  GrossGroup group{.means = std::move(means)};
+  GrossGroup group{.means = std::move(means), .coordinates = static_cast<double>(count)};
   if (!(factor.vectorD().minCoeff() > kDetermined)) {
     return group;
   }
@@ -143,7 +151,7 @@ GrossGroup largest_group(const Search& search, const Equations& equations) {
     if (in.empty()) {
       continue;
     }
-    GrossGroup group = group_of(equations, in);
+    GrossGroup group = group_of(search, equations, in);
     if (group.decrease > largest.decrease) {
       largest = std::move(group);
     }
@@ -151,7 +159,7 @@ GrossGroup largest_group(const Search& search, const Equations& equations) {
   if (largest.means.size() > 1) {
     const double wanted = kOnePointAlone * largest.decrease;
     for (const std::size_t i : std::vector<std::size_t>(largest.means)) {
-      GrossGroup point = group_of(equations, {i});
+      GrossGroup point = group_of(search, equations, {i});
       if (point.decrease > wanted) {
         largest = std::move(point);
         break;
@@ -162,13 +170,12 @@ GrossGroup largest_group(const Search& search, const Equations& equations) {
 }
 
 bool may_be_chance(const GrossGroup& group, const Equations& equations, std::size_t groups) {
-  const double lost = 3.0 * static_cast<double>(group.means.size());
-  const double rest = equations.freedom - lost;
+  const double rest = equations.freedom - group.coordinates;
   if (rest < kLeastRestFreedom) {
     return true;
   }
-  const double F = group.decrease / lost / (std::max(equations.squares - group.decrease, 1e-300) / rest);
-  return f_upper_tail(F, lost, rest) * static_cast<double>(groups) > kByChance;
+  const double F = group.decrease / group.coordinates / (std::max(equations.squares - group.decrease, 1e-300) / rest);
+  return f_upper_tail(F, group.coordinates, rest) * static_cast<double>(groups) > kByChance;
 }
 
 }  // namespace
@@ -187,8 +194,7 @@ std::vector<GrossRow> described(const Search& search, const std::vector<GrossGro
     row.configuration = means.configurations[static_cast<std::size_t>(first.configuration)];
     row.target = single ? means.targets[static_cast<std::size_t>(first.target)] : std::string();
     for (const std::size_t i : group.means) {
-      const Observation& o = means.observations[i];
-      row.distance = std::max(row.distance, (o.position - predicted_point(search.estimate, X_BF, o)).norm());
+      row.distance = std::max(row.distance, misfit(search, X_BF, i).norm());
     }
   }
   return rows;

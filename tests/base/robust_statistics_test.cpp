@@ -6,6 +6,7 @@
 #include <limits>
 #include <numbers>
 
+#include "base/distributions.hpp"
 #include "base/random.hpp"
 
 namespace kdl_calibration::robust_statistics_test {

@@ -192,10 +192,35 @@ TEST(DistancesFromAnchors, ABlunderIsNamed) {
   Distances experiment(9);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
-  measurements.coordinates[60].distance += 0.01;
-  const Calibration found = calibrate(bundled_robot(), measurements);
-  ASSERT_FALSE(found.doubts().empty());
-  EXPECT_THAT(found.doubts().front().message, HasSubstr("--exclude '" + measurements.configurations[20] + ":A'"));
+  const auto expect_named = [](const Measurements& wrong, const std::string& target) {
+    const Calibration found = calibrate(bundled_robot(), wrong);
+    EXPECT_THAT(found.doubts(),
+                Contains(Field(&Doubt::message, HasSubstr("--exclude '" + wrong.configurations[20] + target + "'"))));
+  };
+  for (const double off : {0.001, 0.01, 0.3}) {
+    Measurements wrong = measurements;
+    wrong.coordinates[60].distance += off;
+    expect_named(wrong, ":A");
+  }
+  Measurements wrong = measurements;
+  for (std::size_t row = 60; row < 63; ++row) {
+    wrong.observations[row].station = 0;  // instead of 2
+  }
+  expect_named(wrong, "");
+}
+
+// One target, so that the distances are not many more than the unknowns.
+TEST(DistancesFromAnchors, ABlunderOfOneTargetIsNamed) {
+  Distances experiment(3);
+  experiment.robot.truth.targets.resize(1);
+  Measurements measurements = experiment.measured(2, false, 60, kNoise);
+  EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
+  for (const double off : {0.001, 0.1}) {
+    Measurements wrong = measurements;
+    wrong.coordinates[8].distance += off;
+    EXPECT_THAT(calibrate(bundled_robot(), wrong).doubts(),
+                Contains(Field(&Doubt::message, HasSubstr("--exclude '" + wrong.configurations[8] + "'"))));
+  }
 }
 
 TEST(DistancesFromAnchors, AreLeftOutSavedAndValidated) {
