@@ -214,10 +214,12 @@ Accuracy compare_rows(const ValidationTask& compared, const Estimate& rigid) {
   return result;
 }
 
-std::vector<std::string> said_of_neighbours(const Folds& singly, const Measurements& training) {
-  const std::vector<bool> trained = trained_configurations(training);
-  const auto together = std::count(trained.begin(), trained.end(), true) - static_cast<std::ptrdiff_t>(singly.size());
-  if (together <= 0) {
+std::vector<std::string> said_of_neighbours(const Folds& singly) {
+  std::size_t together = 0;
+  for (const std::vector<Eigen::Index>& fold : singly) {
+    together += fold.size() - 1;
+  }
+  if (together == 0) {
     return {};
   }
   return {
@@ -231,7 +233,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows, const Identif
   const FitProblem& task = compared.problem;
   const ValidationOptions& options = compared.options;
   const Folds singly = make_folds(task.measurements, 0);
-  Validation result{.accuracy = rows, .exported = {}, .warnings = said_of_neighbours(singly, task.measurements)};
+  Validation result{.accuracy = rows, .exported = {}, .warnings = said_of_neighbours(singly)};
   Accuracy& accuracy = result.accuracy;
   const bool asked_singly = options.leave_one_out || options.nested;
   const bool by_default = options.held_out && !asked_singly && options.k_fold < 2;

@@ -173,8 +173,9 @@ double ModelScorer::motion_of(const Candidate& candidate, const LinearRows& rows
 }
 
 ModelScorer::Sums ModelScorer::sums_by_folds(const LinearRows& rows) const {
-  Sums sums{.all = {}, .folds = std::vector<LinearSums>(folds_.size())};
-  parallel_for(folds_.size(), threads_, [&](std::size_t f) { sums.folds[f] = sums_of(rows, folds_[f]); });
+  const std::vector<std::vector<Index>> parts = with_rest(folds_, means_);
+  Sums sums{.all = {}, .folds = std::vector<LinearSums>(parts.size())};
+  parallel_for(parts.size(), threads_, [&](std::size_t f) { sums.folds[f] = sums_of(rows, parts[f]); });
   sums.all = sums.folds.front();
   std::for_each(sums.folds.begin() + 1, sums.folds.end(), [&](const LinearSums& fold) { sums.all += fold; });
   return sums;

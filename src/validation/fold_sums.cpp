@@ -24,7 +24,7 @@ constexpr int kMostSteps = 10;
 constexpr double kSettledOfNoise = 1e-3;  // of the noise
 constexpr double kExactSum = 1e-11;       // [m]
 
-// Measurements and normal equations of each fold at one estimate.
+// Measurements and normal equations of each fold, and of the configurations in none, at one estimate.
 class ConfigurationSums {
 public:
   ConfigurationSums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, int threads)
@@ -54,7 +54,7 @@ public:
 
   const Measurements& measurements(std::size_t fold) const { return measurements_[fold]; }
 
-  // Sum over all folds but one, plus the priors.
+  // Sum over all parts but one, plus the priors.
   NormalEquations without(std::size_t fold, const Estimate& estimate, bool at_start) const {
     const Index columns = problem_.free.size();
     NormalEquations sum{.hessian = MatrixXd::Zero(columns, columns), .gradient = VectorXd::Zero(columns)};
@@ -95,7 +95,7 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
   check(folds, problem.measurements);
   require_sigma("the noise", noise);
   const TrainingProblem training(problem);
-  const ConfigurationSums sums(*training, folds, threads);
+  const ConfigurationSums sums(*training, with_rest(folds, (*training).measurements), threads);
   const double settled = std::max(kSettledOfNoise * noise, kExactSum);
   std::vector<std::vector<double>> distances(folds.size());
   std::vector<int> open(folds.size(), 1);

@@ -213,6 +213,26 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
   return result;
 }
 
+std::vector<std::vector<Eigen::Index>> with_rest(std::vector<std::vector<Eigen::Index>> folds,
+                                                 const Measurements& measurements) {
+  std::vector<bool> is_in_none = trained_configurations(measurements);
+  for (const std::vector<Eigen::Index>& fold : folds) {
+    for (const Eigen::Index c : fold) {
+      is_in_none[static_cast<std::size_t>(c)] = false;
+    }
+  }
+  std::vector<Eigen::Index> rest;
+  for (std::size_t c = 0; c < is_in_none.size(); ++c) {
+    if (is_in_none[c]) {
+      rest.push_back(static_cast<Eigen::Index>(c));
+    }
+  }
+  if (!rest.empty()) {
+    folds.push_back(std::move(rest));
+  }
+  return folds;
+}
+
 namespace {
 
 // Turns the rows of the given configurations into test rows.

@@ -230,6 +230,21 @@ TEST(Stations, AutomaticChoicesAndFoldsWorkWithSeveral) {
   EXPECT_LT(calibrate(bundled_robot(), experiment.measured(36, 3e-5), folds).accuracy().k_fold->after.rms, 1.5e-4);
 }
 
+// No fit to the others predicts the only configuration of a station, whose name may be mistyped. All others count.
+TEST(Stations, OfOneConfigurationLeaveTheAutomaticChoices) {
+  Tracker experiment(8);
+  add_effects(experiment.robot, {EffectGroup::gravity}, experiment.configurations(60), 1e-3, experiment.random);
+  Measurements measurements = experiment.measured(60, 3e-5);
+  measurements.stations.emplace_back("S4");
+  for (Observation& observation : measurements.observations) {
+    observation.station = observation.configuration == 20 ? 3 : observation.station;
+  }
+  const Calibration found = calibrate(bundled_robot(), measurements);
+  EXPECT_TRUE(found.trusted());
+  EXPECT_LT(found.accuracy().leave_one_out->after.rms, 1e-4);
+  EXPECT_THAT(found.warnings(), ::testing::Not(::testing::Contains(HasSubstr("neighbours"))));
+}
+
 TEST(Stations, TwoStepIsRefused) {
   Tracker experiment(1);
   CalibrationOptions options;
