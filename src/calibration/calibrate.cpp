@@ -359,8 +359,8 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
     selection.not_tried +=
         has_single_coordinates(measurements)
             ? "checks of repeats and of typing errors in rows that are no whole points, parts of the "
-              "noise, other readings of the data (single coordinates)"
-            : "other readings of the data (several stations)";
+              "noise, other readings of the data but of its lengths (single coordinates)"
+            : "other readings of the data but of its lengths (several stations)";
   }
   if (with_earlier) {
     selection.terms = options.selection.earlier->terms;

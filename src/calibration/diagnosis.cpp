@@ -10,6 +10,7 @@
 #include "calibration/doubts.hpp"
 #include "measurements/directions.hpp"
 #include "measurements/stations.hpp"
+#include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -17,8 +18,12 @@ namespace {
 
 std::vector<AlternativeReading> readings(const CalibrationResult& found, const Measurements& measurements,
                                          const DiagnosisTask& task) {
-  if (!task.options.try_readings || !found.model.stations.empty()) {
+  if (!task.options.try_readings) {
     return {};
+  }
+  if (!found.model.stations.empty()) {
+    return readings_of_lengths(found.model, *TrainingRows(measurements), found.fit.identification.estimate,
+                               found.fit.free);
   }
   return alternative_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,
                               {.registration = known_frames(task.parameters),

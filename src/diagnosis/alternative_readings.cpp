@@ -36,9 +36,10 @@ constexpr std::size_t kMostSampled = 300;
 constexpr std::size_t kMostPoses = 75;  // four points each
 constexpr int kSteps = 20;              // iterations of a trial fit
 constexpr double kMostMisfitLeft = 1.0 / 3.0;
-constexpr double kFalseAlarmRate = 1e-4;      // of all readings together
-constexpr double kNoMisfit = 1e-7;            // [m]
-constexpr double kLeastFactor = 0.02;         // least deviation from 1 of the points' scale for the nominal robot
+constexpr double kFalseAlarmRate = 1e-4;  // of all readings together
+constexpr double kNoMisfit = 1e-7;        // [m]
+constexpr double kLeastFactor = 0.02;     // least deviation from 1 of the points' scale for the nominal robot
+constexpr std::string_view kLengthsSetWrong = "a unit, a temperature or a tracker set wrong";
 constexpr double kLeastCommonLength = 0.005;  // least common relative error of fitted lengths
 constexpr double kStandsStill = 0.05;         // share of the flange's motion
 
@@ -93,7 +94,9 @@ public:
     if (tried && readings_.empty()) {
       try_order();
     }
-    try_lengths();
+    if (readings_.empty()) {
+      readings_ = readings_of_lengths(model_, sample_.measurements, fit_, sample_.free);
+    }
     try_joint_functions();
     const std::vector<AlternativeReading> repeated = repeated_configurations(measurements_);
     readings_.insert(readings_.end(), repeated.begin(), repeated.end());
@@ -172,7 +175,7 @@ private:
     const std::string units = units_of_factor(factors[0]);
     add_reading(units.empty() ? Cause::scale : Cause::length_unit,
                 fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
-                            units.empty() ? "a unit, a temperature or a tracker set wrong" : units),
+                            units.empty() ? std::string(kLengthsSetWrong) : units),
                 left, registered_);
   }
 
@@ -276,20 +279,6 @@ private:
     }
   }
 
-  // Length errors proportional to their links, as a fit finds them for a wrong unit.
-  void try_lengths() {
-    const CommonScale common = common_scale(model_, sample_.measurements, fit_, sample_.free);
-    if (!readings_.empty() || std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
-      return;
-    }
-    const std::string units = units_of_factor(common.factor);
-    readings_.push_back(
-        {.cause = units.empty() ? Cause::scale : Cause::length_unit,
-         .message = fmt::format(
-             "all lengths of the arm are found {:.5g} times as long as nominal ({}); the fit absorbs that, {}",
-             common.factor, units.empty() ? "a unit, a temperature or a tracker set wrong" : units, kUsedAsRead)});
-  }
-
   void try_joint_functions() {
     const double visits = static_cast<double>(X_BF_.size());
     const double rest = sample_.freedom / std::max(sample_.points_of_a_configuration, 1.0) - 6.0;
@@ -323,6 +312,19 @@ private:
 };
 
 }  // namespace
+
+std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
+                                                    const Estimate& fit, const Unknowns& free) {
+  const CommonScale common = common_scale(model, measurements, fit, free);
+  if (std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
+    return {};
+  }
+  const std::string units = units_of_factor(common.factor);
+  return {{.cause = units.empty() ? Cause::scale : Cause::length_unit,
+           .message = fmt::format(
+               "all lengths of the arm are found {:.5g} times as long as nominal ({}); the fit absorbs that, {}",
+               common.factor, units.empty() ? std::string(kLengthsSetWrong) : units, kUsedAsRead)}};
+}
 
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
                                                      const Estimate& fit, const Unknowns& free,

@@ -39,6 +39,11 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});
 
+/// Length errors proportional to their links alone, which several stations, single coordinates and distances show as
+/// well: as a fit finds them for a wrong unit, sockets or distances.
+std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
+                                                    const Estimate& fit, const Unknowns& free);
+
 /// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
 /// geometric errors are not reported as another reading. With too few points only base and targets are fitted, and
 /// readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its registered

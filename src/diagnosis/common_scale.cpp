@@ -2,11 +2,14 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
 #include "base/distributions.hpp"
 #include "diagnosis/trial_fit.hpp"
+#include "estimation/least_squares.hpp"
+#include "measurements/directions.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -16,36 +19,44 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// Sums over all points z, with J the derivatives by what is free and J_all those by every geometric error.
+// Sums over all measured coordinates and distances z, with J the derivatives by what is free and J_all those by every
+// geometric error.
 struct NormalSums {
   MatrixXd information;  // J^T J
   MatrixXd cross;        // J^T J_all
   VectorXd right_side;   // J^T z
+  double variance = 0.0;
 };
 
-NormalSums normal_sums(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
-                       const Unknowns& free) {
-  const Unknowns complete = Unknowns(model, fit.targets, {}).with_all(model, UnknownGroup::geometric);
-  const PositionPredictor of_free(model, fit, free);
-  const PositionPredictor of_all(model, fit, complete);
-  std::vector<std::vector<Matrix3Xd>> J;
-  std::vector<std::vector<Matrix3Xd>> J_all;
-  for (Index i = 0; i < measurements.joint_values.cols(); ++i) {
-    J.push_back(of_free.jacobians(measurements, i));
-    J_all.push_back(of_all.jacobians(measurements, i));
+NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const Estimate& fit, const Unknowns& free) {
+  measurements.orientations.clear();
+  for (Observation& observation : measurements.observations) {
+    observation.sigma = 0.0;
   }
-  const Index columns = J.front().front().cols();
-  NormalSums sums{.information = MatrixXd::Zero(columns, columns),
-                  .cross = MatrixXd::Zero(columns, static_cast<Index>(model.parameters.size())),
-                  .right_side = VectorXd::Zero(columns)};
-  for (const Observation& observation : measurements.observations) {
-    const auto i = static_cast<std::size_t>(observation.configuration);
-    const auto t = static_cast<std::size_t>(observation.target);
-    sums.information += J[i][t].transpose() * J[i][t];
-    sums.cross += J[i][t].transpose() * J_all[i][t];
-    sums.right_side += J[i][t].transpose() * observation.position;
+  constexpr double kStep = 1e-3;
+  Measurements longer = measurements;
+  for (Observation& observation : longer.observations) {
+    observation.position *= 1.0 + kStep;
   }
-  return sums;
+  for (MeasuredCoordinates& measured : longer.coordinates) {
+    measured.distance *= 1.0 + kStep;
+  }
+  const Unknowns complete = free.with_all(model, UnknownGroup::geometric);
+  const auto linearised = [&](const Measurements& rows, const Unknowns& unknowns) {
+    NormalEquations equations = LeastSquaresProblem(model, rows, unknowns).linearise(fit);
+    equations.hessian = MatrixXd(equations.hessian.selfadjointView<Eigen::Lower>());
+    return equations;
+  };
+  const NormalEquations at_fit = linearised(measurements, free);
+  std::vector<Index> columns;
+  for (const Unknown& unknown : free.columns()) {
+    columns.push_back(*complete.column(unknown.group, unknown.index));
+  }
+  const auto [first, count] = complete.range(UnknownGroup::geometric);
+  return {.information = at_fit.hessian,
+          .cross = linearised(measurements, complete).hessian(columns, Eigen::seqN(first, count)),
+          .right_side = (linearised(longer, free).gradient - at_fit.gradient) / kStep,
+          .variance = at_fit.cost / coordinates_of(measurements)};
 }
 
 // What a regression of y on x in the metric of C gives: the slope x' C^-1 y / x' C^-1 x, and the sums of squares of y
@@ -65,6 +76,16 @@ Regression regression(const VectorXd& x, const VectorXd& y, const MatrixXd& cova
   return {.slope = slope, .explained = total - left, .left = left};
 }
 
+bool has_known_base(const ErrorModel& model, const Unknowns& free) {
+  for (std::size_t station = 0; station < std::max<std::size_t>(model.stations.size(), 1); ++station) {
+    const std::array<int, 6>& columns = free.base_columns(station);
+    if (std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; })) {
+      return true;
+    }
+  }
+  return false;
+}
+
 }  // namespace
 
 // Points that are f times too far apart give the errors e = (f - 1) / f x, where x is the least-squares solution of
@@ -73,10 +94,8 @@ Regression regression(const VectorXd& x, const VectorXd& y, const MatrixXd& cova
 CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                          const Unknowns& free) {
   constexpr Index kFewest = 6;  // errors
-  constexpr Index kBase = 6;    // columns
-  const bool base_free = free.range(UnknownGroup::base).count == kBase;
   const auto [first, count] = free.range(UnknownGroup::geometric);
-  if (!base_free || count < kFewest || measurements.observations.empty()) {
+  if (has_known_base(model, free) || count < kFewest || measurements.observations.empty()) {
     return {};
   }
   const NormalSums sums = normal_sums(model, measurements, fit, free);
@@ -90,10 +109,9 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
   for (Index i = 0; i < count; ++i) {
     errors[i] = fit.errors[static_cast<Index>(free.geometric()[static_cast<std::size_t>(i)])];
   }
-  const double variance = std::pow(rms_of(model, measurements, fit), 2) / 3.0;
   const MatrixXd inverse = JtJ.solve(MatrixXd::Identity(sums.information.rows(), sums.information.cols()));
   const auto [slope, explained, left] =
-      regression(x, errors, usual * usual.transpose() + variance * inverse.block(first, first, count, count));
+      regression(x, errors, usual * usual.transpose() + sums.variance * inverse.block(first, first, count, count));
   if (!std::isfinite(slope) || !(left > 0.0)) {
     return {};
   }

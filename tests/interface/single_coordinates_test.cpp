@@ -188,6 +188,17 @@ TEST(DistancesFromAnchors, UnderTheRobotAreNotTrusted) {
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2.0 * kNoise);
 }
 
+TEST(DistancesFromAnchors, TwoPerCentTooLongAreDoubted) {
+  Distances experiment(4);
+  Measurements measurements = experiment.measured(3, false, 60, kNoise);
+  for (MeasuredCoordinates& measured : measurements.coordinates) {
+    measured.distance *= 1.02;
+  }
+  const Calibration found = calibrate(bundled_robot(), measurements);
+  EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2e-4);
+  EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::cause, Cause::scale)));
+}
+
 TEST(DistancesFromAnchors, ABlunderIsNamed) {
   Distances experiment(9);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);

@@ -245,6 +245,19 @@ TEST(Stations, OfOneConfigurationLeaveTheAutomaticChoices) {
   EXPECT_THAT(found.warnings(), ::testing::Not(::testing::Contains(HasSubstr("neighbours"))));
 }
 
+// The fit absorbs a wrong distance of the sockets in the lengths of the links.
+TEST(PlacesOfAPlate, WithSocketsAPerCentOffAreDoubted) {
+  Ball experiment(4);
+  Measurements measurements = experiment.touched(4, 40, 3e-5);
+  EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
+  for (Observation& observation : measurements.observations) {
+    observation.position *= 1.01;
+  }
+  const Calibration found = calibrate(bundled_robot(), measurements);
+  EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2e-4);
+  EXPECT_THAT(found.doubts(), ::testing::Contains(::testing::Field(&Doubt::cause, Cause::scale)));
+}
+
 TEST(Stations, TwoStepIsRefused) {
   Tracker experiment(1);
   CalibrationOptions options;
