@@ -239,18 +239,18 @@ private:
 
   /// A row with the place of an anchor and no distance would be a point at the anchor.
   void check_anchors() const {
-    const auto less = [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-      return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+    const auto place = [&](std::size_t row) {
+      const Observation& o = observations_[row];
+      return std::array{static_cast<double>(o.station), o.position.x(), o.position.y(), o.position.z()};
     };
-    std::set<Eigen::Vector3d, decltype(less)> anchors(less);
+    std::set<std::array<double, 4>> anchors;
     for (std::size_t row = 0; row < coordinates_.size(); ++row) {
-      if (coordinates_[row].distance > 0.0) anchors.insert(observations_[row].position);
+      if (coordinates_[row].distance > 0.0) anchors.insert(place(row));
     }
     for (std::size_t row = 0; row < coordinates_.size(); ++row) {
-      if (coordinates_[row] == MeasuredCoordinates() && anchors.count(observations_[row].position) > 0) {
-        fail(source_, fmt::format("line {}: the distance is empty and x, y, z are those of an anchor, expected a "
-                                  "distance or a measured point",
-                                  lines_[row]));
+      if (coordinates_[row] == MeasuredCoordinates() && anchors.count(place(row)) > 0) {
+        fail(fmt::format("{}:{}", source_, lines_[row]),
+             "the distance is empty and x, y, z are those of an anchor, expected a distance or a measured point");
       }
     }
   }

@@ -34,15 +34,14 @@ Freedom freedom_of(const Measurements& training, const RegistrationOptions& know
   return {.unknowns = 6 * bases + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
           .coordinates = coordinates_of(averaged(training)),
-          .configurations = static_cast<int>(configurations.size()),
-          .points = static_cast<int>(targets.size())};
+          .configurations = static_cast<int>(configurations.size())};
 }
 
 void require_freedom(const Freedom& freedom, const std::string& source) {
   if (freedom.left() > 0) {
     return;
   }
-  const int needed = freedom.unknowns / (3 * std::max(freedom.points, 1)) + 1;
+  const int needed = freedom.spent() * freedom.configurations / std::max(freedom.coordinates, 1) + 1;
   throw InputError(
       fmt::format("{}: {} coordinates in {} configurations, and base and targets take {} of them: nothing is left to "
                   "show an error, expected at least {} configurations, or a known base and known targets",

@@ -17,7 +17,6 @@ struct Freedom {
   int open = 0;         ///< unknowns that the measurements do not determine
   int coordinates = 0;  ///< coordinates of distinct points
   int configurations = 0;
-  int points = 0;  ///< targets
 
   int spent() const { return unknowns - open; }
   int left() const { return coordinates - spent(); }

@@ -136,8 +136,10 @@ TEST(RowsOfDistances, AreReadAndWrittenBack) {
 
 TEST(RowsOfDistances, AnAnchorWithoutADistanceIsNoPoint) {
   EXPECT_THAT(refusal([] { parsed(kDistances + "1,A,0.1,left,10,1,2,3\n2,A,0.2,left,,1,2,3\n"); }),
-              HasSubstr("line 3: the distance is empty and x, y, z are those of an anchor"));
-  EXPECT_EQ(parsed(kDistances + "1,A,0.1,left,10,1,2,3\n2,A,0.2,left,,1,2,3.5\n").observations.size(), 2U);
+              HasSubstr(":3: the distance is empty and x, y, z are those of an anchor"));
+  for (const char* other : {"2,A,0.2,left,,1,2,3.5\n", "2,A,0.2,right,,1,2,3\n"}) {
+    EXPECT_EQ(parsed(kDistances + "1,A,0.1,left,10,1,2,3\n" + other).observations.size(), 2U);
+  }
 }
 
 // Several anchors see a configuration at once: each is a configuration at the same joint values.
