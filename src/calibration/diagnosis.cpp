@@ -50,23 +50,36 @@ std::vector<QualityFinding> beside_readings(const std::vector<AlternativeReading
   return any([](Cause) { return true; }) ? check_distances(measurements) : findings;
 }
 
-// An unknown base takes up nearly all that its station's only configuration shows.
-std::vector<std::string> lonely_stations(const Measurements& measurements, const ParameterOptions& parameters) {
-  std::vector<std::set<std::int32_t>> configurations(measurements.stations.size());
+// An unknown base, or target, takes up nearly all that its only configuration shows.
+std::vector<std::string> lonely_names(const Measurements& measurements, const ParameterOptions& parameters) {
+  std::vector<std::set<std::int32_t>> of_station(measurements.stations.size());
+  std::vector<std::set<std::int32_t>> of_target(measurements.targets.size());
   for (const Observation& observation : measurements.observations) {
-    if (configurations.size() > 1) {
-      configurations[station_of(observation)].insert(observation.configuration);
+    of_target[static_cast<std::size_t>(observation.target)].insert(observation.configuration);
+    if (of_station.size() > 1) {
+      of_station[station_of(observation)].insert(observation.configuration);
     }
   }
   std::vector<std::string> result;
-  for (std::size_t station = 0; station < configurations.size(); ++station) {
-    const std::string& name = measurements.stations[station];
-    if (configurations[station].size() == 1 && find_base(parameters.known_stations, name) == nullptr) {
-      const std::int32_t only = *configurations[station].begin();
-      result.push_back(
-          fmt::format("station {} has configuration {} alone, which says hardly anything of the arm: is "
-                      "the name mistyped?",
-                      shown(name), measurements.configurations[static_cast<std::size_t>(only)]));
+  const auto say = [&](const std::string& kind, const std::string& name, const std::set<std::int32_t>& configurations) {
+    if (configurations.size() == 1) {
+      result.push_back(fmt::format(
+          "{} {} has configuration {} alone, which says hardly anything of the arm: is the name mistyped?", kind,
+          shown(name), measurements.configurations[static_cast<std::size_t>(*configurations.begin())]));
+    }
+  };
+  for (std::size_t station = 0; station < of_station.size(); ++station) {
+    if (const std::string& name = measurements.stations[station];
+        find_base(parameters.known_stations, name) == nullptr) {
+      say("station", name, of_station[station]);
+    }
+  }
+  for (std::size_t target = 0; target < of_target.size(); ++target) {
+    const std::string& name = measurements.targets[target];
+    const bool is_known = std::any_of(parameters.known_targets.begin(), parameters.known_targets.end(),
+                                      [&](const TargetFrame& known) { return known.name == name; });
+    if (!is_known) {
+      say("target", name, of_target[target]);
     }
   }
   return result;
@@ -75,7 +88,7 @@ std::vector<std::string> lonely_stations(const Measurements& measurements, const
 // Warnings of the earlier stages.
 std::vector<std::string> earlier_warnings(const ModelSelection& selection, const Measurements& measurements,
                                           const DiagnosisTask& task) {
-  std::vector<std::string> result = lonely_stations(measurements, task.parameters);
+  std::vector<std::string> result = lonely_names(measurements, task.parameters);
   if (const std::size_t points = selection.not_compared; points > 0) {
     result.push_back(fmt::format("models were compared without {}{} no other fold of the cross-validation has", points,
                                  points == 1 ? " point, whose target" : " points, whose targets"));
