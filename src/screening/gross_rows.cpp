@@ -25,6 +25,7 @@ using Eigen::VectorXd;
 constexpr double kByChance = 1e-4;         // probability of any finding among correct measurements
 constexpr double kSmallMisfit = 1e-7;      // [m] with a smaller misfit nothing is gross
 constexpr double kMostOfMisfit = 1.0 / 3;  // largest share that the others keep
+constexpr double kFarOff = 10.0;           // of the others' misfit: enough for a row that is no whole point
 constexpr double kLeastRestFreedom = 3.0;  // least degrees of freedom of the others
 constexpr double kOnePointAlone = 0.9;     // share of its configuration's decrease
 constexpr double kWithoutWeight = 1e-9;
@@ -182,6 +183,17 @@ bool may_be_chance(const GrossGroup& group, const Equations& equations, std::siz
 
 namespace {
 
+// Whether a group that was taken out is single coordinates far from where the others put them. Nothing else looks at
+// single rows of these.
+bool is_far_off(const Search& search, const GrossGroup& group, double rms) {
+  if (coordinates_of(search.means, group.means.front()) == 3) {
+    return false;
+  }
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(search.problem.model, search.estimate, search.means);
+  return std::any_of(group.means.begin(), group.means.end(),
+                     [&](std::size_t i) { return misfit(search, X_BF, i).norm() > kFarOff * rms; });
+}
+
 // Messages' data: distances of groups from their predictions by the others.
 std::vector<GrossRow> described(const Search& search, const std::vector<GrossGroup>& groups) {
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(search.problem.model, search.estimate, search.means);
@@ -228,7 +240,7 @@ GrossRows find_gross_rows(const FitProblem& problem) {
     if (!equations) {
       break;
     }
-    if (equations->rms < kMostOfMisfit * kept) {
+    if (equations->rms < kMostOfMisfit * kept || is_far_off(search, group, equations->rms)) {
       kept = equations->rms;
       found.rms_without = kept;
       found.rows = described(search, out);
