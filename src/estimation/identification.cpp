@@ -60,8 +60,8 @@ void require_enough_equations(const LeastSquaresProblem& problem, const Residual
   const Index unknowns = problem.columns() - (options.earlier ? std::ssize(options.earlier->names) : 0);
   if (problem.equations() < unknowns) {
     throw InputError(fmt::format(
-        "{}: too few measurements: {} measured coordinates for {} unknowns; at least {} are needed ({} whole points)", source,
-        problem.equations(), unknowns, unknowns, (unknowns + 2) / 3));
+        "{}: too few measurements: {} measured coordinates for {} unknowns; at least {} are needed ({} whole points)",
+        source, problem.equations(), unknowns, unknowns, (unknowns + 2) / 3));
   }
 }
 

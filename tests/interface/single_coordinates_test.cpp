@@ -205,8 +205,8 @@ TEST(DistancesFromAnchors, ABlunderIsNamed) {
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
   const auto expect_named = [](const Measurements& wrong, const std::string& target) {
     const Calibration found = calibrate(bundled_robot(), wrong);
-    EXPECT_THAT(found.doubts(),
-                Contains(Field(&Doubt::message, HasSubstr("--exclude '" + wrong.configurations[20] + target + "'"))));
+    ASSERT_FALSE(found.doubts().empty());
+    EXPECT_THAT(found.doubts().front().message, HasSubstr("--exclude '" + wrong.configurations[20] + target + "'"));
   };
   for (const double off : {0.001, 0.01, 0.3}) {
     Measurements wrong = measurements;
