@@ -27,10 +27,10 @@ MatrixXd triangular_factor(const MatrixXd& matrix) {
   return Eigen::HouseholderQR<MatrixXd>(matrix).matrixQR().topRows(matrix.cols()).triangularView<Eigen::Upper>();
 }
 
-MatrixXd outside_span(const MatrixXd& span, const MatrixXd& of) {
-  MatrixXd turned = of;
-  turned.applyOnTheLeft(Eigen::HouseholderQR<MatrixXd>(span).householderQ().adjoint());
-  return turned.bottomRows(of.rows() - span.cols());
+MatrixXd outside_span(const MatrixXd& B, const MatrixXd& A) {
+  MatrixXd turned = A;
+  turned.applyOnTheLeft(Eigen::HouseholderQR<MatrixXd>(B).householderQ().adjoint());
+  return turned.bottomRows(A.rows() - B.cols());
 }
 
 MatrixXd range_basis(const MatrixXd& columns, double least) {

@@ -1,7 +1,7 @@
 #pragma once
 
-// Decompositions of matrices of any size. Eigen's templates for them take seconds in each source that names them, here
-// they are compiled once. Not installed.
+// Decompositions of matrices of any size. Eigen's templates take seconds to compile in each source that names them.
+// Here they are compiled once. Not installed.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -13,27 +13,27 @@ namespace kdl_calibration {
 /// products of the columns are preserved.
 Eigen::MatrixXd triangular_factor(const Eigen::MatrixXd& matrix);
 
-/// Q_2^T of, with [Q_1 Q_2] R = span a QR decomposition: what of each column lies outside the span.
-Eigen::MatrixXd outside_span(const Eigen::MatrixXd& span, const Eigen::MatrixXd& of);
+/// Q_2^T A with the QR decomposition [Q_1 Q_2] R of B: the parts of the columns of A that B does not span.
+Eigen::MatrixXd outside_span(const Eigen::MatrixXd& B, const Eigen::MatrixXd& A);
 
 /// An orthonormal basis of the columns' range. In a QR decomposition with column pivots, pivots not above `least` times
 /// the largest count as zero; without `least`, those within rounding.
 Eigen::MatrixXd range_basis(const Eigen::MatrixXd& columns, double least = 0.0);
-/// The columns of those zero pivots.
+/// Indices of the columns whose pivots count as zero.
 std::vector<Eigen::Index> dependent_columns(const Eigen::MatrixXd& columns, double least);
 
 /// A^-1 B of an invertible A.
 Eigen::MatrixXd solution(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 
-/// x with the least |A x - b|, and of these the shortest. Columns of B are solved for one by one.
+/// The shortest x of those with the least |A x - b|. For a matrix B one column of x for each of B.
 Eigen::VectorXd shortest_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 Eigen::MatrixXd shortest_solution(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 Eigen::MatrixXd pseudo_inverse(const Eigen::MatrixXd& A);
 
-/// The same x by QR with column pivots, if A has full rank.
+/// x with the least |A x - b| for A of full rank, by QR with column pivots.
 Eigen::VectorXd least_squares_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 
-/// Of a symmetric matrix, in rising order, with unit eigenvectors as columns.
+/// Eigenvalues of a symmetric matrix in rising order, and its unit eigenvectors as columns.
 struct Spectrum {
   Eigen::VectorXd values;
   Eigen::MatrixXd vectors;

@@ -7,7 +7,6 @@
 #include <iterator>
 #include <numbers>
 
-#include "base/robust_statistics.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"

@@ -39,7 +39,7 @@ constexpr double kMostMisfitLeft = 1.0 / 3.0;
 constexpr double kFalseAlarmRate = 1e-4;  // of all readings together
 constexpr double kNoMisfit = 1e-7;        // [m]
 constexpr double kLeastFactor = 0.02;     // least deviation from 1 of the points' scale for the nominal robot
-constexpr std::string_view kLengthsSetWrong = "a unit, a temperature or a tracker set wrong";
+constexpr const char* kLengthsSetWrong = "a unit, a temperature or a tracker set wrong";
 constexpr double kLeastCommonLength = 0.005;  // least common relative error of fitted lengths
 constexpr double kStandsStill = 0.05;         // share of the flange's motion
 
@@ -175,7 +175,7 @@ private:
     const std::string units = units_of_factor(factors[0]);
     add_reading(units.empty() ? Cause::scale : Cause::length_unit,
                 fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
-                            units.empty() ? std::string(kLengthsSetWrong) : units),
+                            units.empty() ? kLengthsSetWrong : units),
                 left, registered_);
   }
 
@@ -323,7 +323,7 @@ std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, con
   return {{.cause = units.empty() ? Cause::scale : Cause::length_unit,
            .message = fmt::format(
                "all lengths of the arm are found {:.5g} times as long as nominal ({}); the fit absorbs that, {}",
-               common.factor, units.empty() ? std::string(kLengthsSetWrong) : units, kUsedAsRead)}};
+               common.factor, units.empty() ? kLengthsSetWrong : units, kUsedAsRead)}};
 }
 
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,

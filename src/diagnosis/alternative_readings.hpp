@@ -39,8 +39,8 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});
 
-/// Length errors proportional to their links alone, which several stations, single coordinates and distances show as
-/// well: as a fit finds them for a wrong unit, sockets or distances.
+/// Of these checks the one for length errors that are proportional to their links: a fit finds such errors if the unit,
+/// the distance of the sockets or all measured distances are wrong. For any number of stations and any kind of row.
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
                                                     const Estimate& fit, const Unknowns& free);
 

@@ -22,10 +22,10 @@ using Eigen::VectorXd;
 // Sums over all measured coordinates and distances z, with J the derivatives by what is free and J_all those by every
 // geometric error.
 struct NormalSums {
-  MatrixXd information;  // J^T J
-  MatrixXd cross;        // J^T J_all
-  VectorXd right_side;   // J^T z
-  double variance = 0.0;
+  MatrixXd information;   // J^T J
+  MatrixXd cross;         // J^T J_all
+  VectorXd right_side;    // J^T z
+  double variance = 0.0;  // of a coordinate [m^2]
 };
 
 NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const Estimate& fit, const Unknowns& free) {

@@ -2,7 +2,6 @@
 
 // One factor on all lengths. Not installed.
 
-#include "estimation/prediction.hpp"
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"

@@ -101,7 +101,7 @@ public:
     constexpr double kNothing = 1e-10;
     const MatrixXd information = linearise(estimate).hessian;
     const VectorXd scale = unit_scale_of_information(information);
-    const VectorXd values = eigenvalues(MatrixXd(scale.asDiagonal() * information * scale.asDiagonal()));
+    const VectorXd values = eigenvalues(scale.asDiagonal() * information * scale.asDiagonal());
     const auto determined = (values.array() > kNothing).count();
     Index unknowns = 0;
     for (std::size_t frame = 0; frame < is_known_.size(); ++frame) {

@@ -38,7 +38,7 @@ void find_tool(const std::vector<Isometry3d>& X_BF, const Eigen::Ref<const Matri
     A.middleRows<3>(3 * i) << X.linear(), -Eigen::Matrix3d::Identity();
     b.segment<3>(3 * i) = -X.translation() - slips.col(i);
   }
-  const VectorXd squares = eigenvalues(MatrixXd(A.transpose() * A));
+  const VectorXd squares = eigenvalues(A.transpose() * A);
   if (squares[0] < kLeastTurn * kLeastTurn * squares[5]) {
     refuse_input("the touches of the tool hardly turn it", "orientations that differ by turns about two axes");
   }
@@ -70,7 +70,7 @@ Isometry3d frame_through(const Matrix3Xd& points) {
 // The frame in which the touched points have the stated coordinates, least squares (Umeyama 1991).
 void fit_frame(const Matrix3Xd& touched, const Matrix3Xd& stated, Found& found) {
   const Matrix3Xd centred = stated.colwise() - stated.rowwise().mean();
-  const Vector3d squares = eigenvalues(Eigen::Matrix3d(centred * centred.transpose()));
+  const Vector3d squares = eigenvalues(centred * centred.transpose());
   if (!(squares[1] > kLeastAngle * kLeastAngle * squares[2])) {
     refuse_line();
   }

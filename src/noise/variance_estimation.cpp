@@ -110,7 +110,7 @@ MatrixXd inverse_correlation(const MatrixXd& expected, const VectorXd& weights) 
   const VectorXd left = weights.cwiseQuotient(root);
   const VectorXd right = weights.cwiseProduct(root).cwiseInverse();
   const MatrixXd correlation = left.asDiagonal() * expected * right.asDiagonal();
-  return pseudo_inverse(MatrixXd(0.5 * (correlation + correlation.transpose())));
+  return pseudo_inverse(0.5 * (correlation + correlation.transpose()));
 }
 
 }  // namespace

@@ -25,7 +25,7 @@ using Eigen::VectorXd;
 constexpr double kByChance = 1e-4;         // probability of any finding among correct measurements
 constexpr double kSmallMisfit = 1e-7;      // [m] with a smaller misfit nothing is gross
 constexpr double kMostOfMisfit = 1.0 / 3;  // largest share that the others keep
-constexpr double kFarOff = 10.0;           // of the others' misfit: enough for a row that is no whole point
+constexpr double kFarOff = 10.0;           // of the others' misfit, for single coordinates and distances
 constexpr double kLeastRestFreedom = 3.0;  // least degrees of freedom of the others
 constexpr double kOnePointAlone = 0.9;     // share of its configuration's decrease
 constexpr double kWithoutWeight = 1e-9;
@@ -71,11 +71,6 @@ struct Equations {
   double rms = 0.0;  // [m]
 };
 
-// Measured minus predicted [m].
-Vector3d misfit(const Search& search, const std::vector<Eigen::Isometry3d>& X_BF, std::size_t mean) {
-  return difference_at(search.means, mean, predicted_point(search.estimate, X_BF, search.means.observations[mean]));
-}
-
 std::optional<Equations> fitted(Search& search) {
   const FitProblem& problem = search.problem;
   ResidualOptions residuals;
@@ -111,7 +106,7 @@ std::optional<Equations> fitted(Search& search) {
       if (search.weights[i] == 1.0) {
         points += 1.0;
         result.freedom += coordinates;
-        square_metres += misfit(search, X_BF, i).squaredNorm();
+        square_metres += measured_minus_predicted(search.means, i, search.estimate, X_BF).squaredNorm();
       }
     }
   }
@@ -183,15 +178,16 @@ bool may_be_chance(const GrossGroup& group, const Equations& equations, std::siz
 
 namespace {
 
-// Whether a group that was taken out is single coordinates far from where the others put them. Nothing else looks at
-// single rows of these.
+// Whether a group that was taken out has single coordinates or distances that are far from where the others put them.
+// No other check looks at single ones.
 bool is_far_off(const Search& search, const GrossGroup& group, double rms) {
   if (coordinates_of(search.means, group.means.front()) == 3) {
     return false;
   }
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(search.problem.model, search.estimate, search.means);
-  return std::any_of(group.means.begin(), group.means.end(),
-                     [&](std::size_t i) { return misfit(search, X_BF, i).norm() > kFarOff * rms; });
+  return std::any_of(group.means.begin(), group.means.end(), [&](std::size_t i) {
+    return measured_minus_predicted(search.means, i, search.estimate, X_BF).norm() > kFarOff * rms;
+  });
 }
 
 // Messages' data: distances of groups from their predictions by the others.
@@ -206,7 +202,7 @@ std::vector<GrossRow> described(const Search& search, const std::vector<GrossGro
     row.configuration = means.configurations[static_cast<std::size_t>(first.configuration)];
     row.target = single ? means.targets[static_cast<std::size_t>(first.target)] : std::string();
     for (const std::size_t i : group.means) {
-      row.distance = std::max(row.distance, misfit(search, X_BF, i).norm());
+      row.distance = std::max(row.distance, measured_minus_predicted(search.means, i, search.estimate, X_BF).norm());
     }
   }
   return rows;

@@ -28,12 +28,13 @@ struct GrossRows {
 constexpr std::size_t kMostGrossGroups = 20;  ///< that find_gross_rows leaves out
 
 /// The few configurations or points (one of ten at most, up to kMostGrossGroups) without which the others fit more than
-/// three times as well, or from which single coordinates are ten times their misfit away. With the hat matrix H_g = J_g
-/// (J^T J)^-1 J_g^T of group g and its residuals e_g, leaving the group out lowers the sum of squares by e_g^T (I -
-/// H_g)^-1 e_g (Cook and Weisberg 1982, section 2.2), however far it is off. The group with the largest decrease is
-/// taken out and the rest fitted again (forward search), as long as the decrease is beyond chance (F test at 1e-4 over
-/// the number of groups). Repeats count as their mean. Nothing where the rest would not determine the unknowns, or
-/// where leaving rows out does not make that difference. `problem`: at its optimum.
+/// three times as well. Single coordinates and distances are also reported if they are off by more than ten times the
+/// misfit of the others. With the hat matrix H_g = J_g (J^T J)^-1 J_g^T of group g and its residuals e_g, leaving the
+/// group out lowers the sum of squares by e_g^T (I - H_g)^-1 e_g (Cook and Weisberg 1982, section 2.2), however far it
+/// is off. The group with the largest decrease is taken out and the rest fitted again (forward search), as long as the
+/// decrease is beyond chance (F test at 1e-4 over the number of groups). Repeats count as their mean. Nothing where the
+/// rest would not determine the unknowns, or where leaving rows out does not make that difference. `problem`: at its
+/// optimum.
 GrossRows find_gross_rows(const FitProblem& problem);
 
 }  // namespace kdl_calibration
