@@ -192,6 +192,14 @@ private:
     }
     const auto [position, coordinates] = row.position();
     observation.position = position;
+    if (coordinates.distance > 0.0) {
+      const bool has_place = row.has(header_.position[0]);
+      if (anchors_have_places_.try_emplace(observation.station, has_place).first->second != has_place) {
+        row.fail_row(
+            "x, y, z of the anchor are given in some rows of the station and empty in others: expected them "
+            "in all or in none");
+      }
+    }
     if (coordinates_.empty() && coordinates == MeasuredCoordinates()) return;
     coordinates_.resize(observations_.size());
     coordinates_.push_back(coordinates);
@@ -315,7 +323,8 @@ private:
   double largest_scatter_ = 0.0;
   std::vector<Observation> observations_;
   std::vector<Eigen::Quaterniond> orientations_;
-  std::vector<MeasuredCoordinates> coordinates_;  ///< empty as long as all rows are whole points
+  std::vector<MeasuredCoordinates> coordinates_;      ///< empty as long as all rows are whole points
+  std::map<std::int16_t, bool> anchors_have_places_;  ///< of stations with distances, whether x, y, z are given
   std::vector<std::int64_t> order_;
   TorqueMeans torques_;
   std::vector<std::size_t> lines_;  ///< line of each observation

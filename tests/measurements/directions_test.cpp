@@ -142,10 +142,17 @@ TEST(RowsOfDistances, AnAnchorWithoutADistanceIsNoPoint) {
   }
 }
 
+TEST(RowsOfDistances, AnAnchorIsGivenInAllRowsOfItsStationOrInNone) {
+  const char* const fault = ":3: x, y, z of the anchor are given in some rows of the station and empty in others";
+  EXPECT_THAT(refusal([] { parsed(kDistances + "1,A,0.1,left,10,1,2,3\n2,A,0.2,left,10,,,\n"); }), HasSubstr(fault));
+  EXPECT_THAT(refusal([] { parsed(kDistances + "1,A,0.1,left,10,,,\n2,A,0.2,left,10,0,0,0\n"); }), HasSubstr(fault));
+  EXPECT_EQ(parsed(kDistances + "1,A,0.1,left,10,1,2,3\n2,A,0.2,right,10,,,\n").observations.size(), 2U);
+}
+
 // Several anchors see a configuration at once: each is a configuration at the same joint values.
 TEST(RowsOfDistances, FromOtherAnchorsAreOtherConfigurations) {
   const std::string file =
-      kDistances + "1,A,0.1,left,1,,,\n1,A,0.1,right,2,,,\n1,B,0.1,right,3,,,\n1,A,0.1,left,4,1,0,0.5\n";
+      kDistances + "1,A,0.1,left,1,0,0,0\n1,A,0.1,right,2,,,\n1,B,0.1,right,3,,,\n1,A,0.1,left,4,1,0,0.5\n";
   const Measurements read = parsed(file);
   EXPECT_THAT(read.configurations, ElementsAre("1", "1 from right", "1 from left 1 0 0.5"));
   EXPECT_EQ(read.joint_values, Eigen::RowVector3d(0.1, 0.1, 0.1));
