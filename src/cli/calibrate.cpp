@@ -154,12 +154,18 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   return options;
 }
 
+// The command that chooses more configurations for the same experiment.
+std::string plan_to_add(const CalibrationResult& calibration) {
+  return calibration.model.stations.empty() ? "kdlcal plan --measured FILE --add N"
+                                            : "kdlcal plan --stations N, with --sockets or --directions as measured,";
+}
+
 // Adds options of kdlcal that help against the doubt.
-void name_options(Doubt& doubt) {
+void name_options(Doubt& doubt, const std::string& plan) {
   const std::map<Cause, std::string> help = {
       {Cause::not_converged, "--iterations sets their number"},
-      {Cause::not_determined, "kdlcal plan --measured FILE --add N chooses them"},
-      {Cause::unknown_length, "kdlcal plan --measured FILE --add N chooses them, --fix and --prior-length hold"},
+      {Cause::not_determined, plan + " chooses them"},
+      {Cause::unknown_length, plan + " chooses them, --fix and --prior-length hold"},
       {Cause::joint_convention, "--joint-convention says how to read the joint values"},
       {Cause::joint_sign, "--joint-convention says how to read the joint values"},
       {Cause::joint_unit, "--joint-convention says how to read the joint values"},
@@ -224,7 +230,7 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const CalibrationR
     warn(warning);
   }
   if (is_uncertain_elsewhere(calibration)) {
-    warn("kdlcal plan --measured FILE --add N chooses configurations that help there");
+    warn(plan_to_add(calibration) + " chooses configurations that help there");
   }
   if (!calibration.trusted() && !arguments.output.empty()) {
     warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
@@ -305,9 +311,12 @@ ExitStatus run(const CalibrateArguments& arguments) {
       file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, fitted.settings);
     }
   }
-  std::for_each(calibration.diagnosis.doubts.begin(), calibration.diagnosis.doubts.end(), name_options);
+  const std::string plan = plan_to_add(calibration);
+  for (Doubt& doubt : calibration.diagnosis.doubts) {
+    name_options(doubt, plan);
+  }
   if (calibration.diagnosis.reservation) {
-    name_options(*calibration.diagnosis.reservation);
+    name_options(*calibration.diagnosis.reservation, plan);
   }
   write_whole(files, arguments.force,
               arguments.json ? result.text

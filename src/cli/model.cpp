@@ -130,6 +130,7 @@ ExitStatus run(const ModelArguments& arguments) {
   if (are_special(places) && arguments.poses) {
     throw InputError("--poses: are measured by one station, expected none with --stations, --sockets, --directions");
   }
+  require_one_ball(arguments.places, static_cast<std::size_t>(arguments.targets));
   const Robot robot = load(arguments.robot);
   const ErrorModel model = complete_model(robot);
   std::vector<TargetFrame> targets = generic_targets(arguments.targets);

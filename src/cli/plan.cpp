@@ -317,10 +317,10 @@ void require_no_others(const PlanArguments& arguments) {
 
 Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPlan& plan) {
   Json stations = Json::array();
-  const VirtualRobot& robot = plan.rows.robot;
-  for (std::size_t s = 0; s < robot.model.stations.size(); ++s) {
-    stations.push_back({{"name", robot.model.stations[s]}, {"determined_directions", plan.determined.bases[s]}});
-    stations.back().update(frame_json(robot.truth.base(s).inverse()));
+  const std::vector<std::string>& names = plan.rows.measurements.stations;
+  for (std::size_t s = 0; s < names.size(); ++s) {
+    stations.push_back({{"name", names[s]}, {"determined_directions", plan.determined.bases[s]}});
+    stations.back().update(frame_json(plan.rows.robot.truth.base(s).inverse()));
   }
   Json configurations = Json::array();
   for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
@@ -342,23 +342,23 @@ Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPl
 }
 
 std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
-  const VirtualRobot& robot = plan.rows.robot;
+  const std::vector<std::string>& stations = plan.rows.measurements.stations;
   std::string text = fmt::format(
-      "{} configurations, as many at each of {} places, the best of {} sets of places; {} parameters of the arm, noise "
-      "{} mm\n",
-      plan.sheet.configurations.size(), robot.model.stations.size(), arguments.starts, plan.determined.arm.columns,
-      fixed(arguments.noise.sigma * 1e3, 4));
+      "{} configurations shared evenly by {} {}, the best of {} draws of stations; {} parameters of the arm, noise {} "
+      "mm\n",
+      plan.sheet.configurations.size(), stations.size(), stations.size() > 1 ? "stations" : "station", arguments.starts,
+      plan.determined.arm.columns, fixed(arguments.noise.sigma * 1e3, 4));
   text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
   text += line("  this plan", plan.planned, plan.planned.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   text += "station     in the base frame: x y z [m], angle times axis [deg]\n";
-  for (std::size_t s = 0; s < robot.model.stations.size(); ++s) {
-    const Eigen::Isometry3d X_BW = robot.truth.base(s).inverse();
+  for (std::size_t s = 0; s < stations.size(); ++s) {
+    const Eigen::Isometry3d X_BW = plan.rows.robot.truth.base(s).inverse();
     const Eigen::AngleAxisd turn(X_BW.linear());
     const Eigen::Vector3d r = turn.angle() / kDegree * turn.axis();
     const Eigen::Vector3d p = X_BW.translation();
-    text += fmt::format("  {:<8}{:>9.3f}{:>9.3f}{:>9.3f}{:>10.1f}{:>8.1f}{:>8.1f}\n", robot.model.stations[s], p.x(),
-                        p.y(), p.z(), r.x(), r.y(), r.z());
+    text += fmt::format("  {:<8}{:>9.3f}{:>9.3f}{:>9.3f}{:>10.1f}{:>8.1f}{:>8.1f}\n", stations[s], p.x(), p.y(), p.z(),
+                        r.x(), r.y(), r.z());
   }
   return text + fmt::format("travel                  {:.0f} s at full speed, without the stops\n", plan.seconds);
 }
@@ -368,6 +368,7 @@ ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}});
   require_writable(files, arguments.force);
   Setting set = setting(arguments);
+  require_one_ball(arguments.places, set.request.targets.size());
   Progress choosing("choosing");
   set.request.choosing = [&](double share) { choosing(share); };
   const PlacesPlan plan = plan_at_places(set.request, places);

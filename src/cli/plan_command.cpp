@@ -45,7 +45,7 @@ std::string shell_word(const std::string& text) {
 }
 
 std::string plan_command(const Json& result) {
-  if (!result.is_object() || !result.contains("input")) {
+  if (!result.is_object() || !result.contains("input") || result.contains("stations")) {
     return {};
   }
   const Json& input = result["input"];

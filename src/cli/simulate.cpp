@@ -32,6 +32,7 @@
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/stations.hpp"
 #include "model/reduction.hpp"
 #include "planning/measuring_plan.hpp"
 #include "planning/monte_carlo.hpp"
@@ -65,8 +66,8 @@ struct Setup {
   Reduction reduction;
   std::vector<std::size_t> with_errors;
   std::vector<EffectGroup> effects;
-  std::optional<Eigen::MatrixXd> plan;  ///< configurations to fit from a plan, if given
-  Eigen::Index configurations = 0;      ///< to fit
+  std::optional<Measurements> plan;  ///< if given: configurations to fit, and their stations
+  Eigen::Index configurations = 0;   ///< to fit
 };
 
 void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
@@ -76,6 +77,18 @@ void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
   if (rows > kMost) {
     throw InputError(fmt::format(
         "--configurations, --test-configurations, --repeats: {:.0f} rows, expected at most 10000000", rows));
+  }
+}
+
+// A plan says itself from which station it measures.
+void require_one_source(const SimulateArguments& arguments, const Measurements& plan) {
+  if (plan.stations.size() > 1 && arguments.places.stations > 1) {
+    throw InputError(fmt::format("--stations: {} has {} stations, expected this option with other plans",
+                                 arguments.plan, plan.stations.size()));
+  }
+  if (plan.stations.size() > 1 && (arguments.two_step > 0 || arguments.monte_carlo > 0)) {
+    throw InputError(fmt::format("--plan: {} has {} stations, expected one with --two-step, --monte-carlo",
+                                 arguments.plan, plan.stations.size()));
   }
 }
 
@@ -93,14 +106,21 @@ Setup setup(const Robot& robot, const SimulateArguments& arguments) {
   result.with_errors = with_true_errors(result.model, result.reduction, arguments.model == "complete");
   result.effects = effect_groups(arguments.effects, {"none"});
   if (!arguments.plan.empty()) {
-    result.plan = configurations_of(robot, arguments.plan, arguments.joint_convention).joint_values;
+    result.plan = configurations_of(robot, arguments.plan, arguments.joint_convention);
+    require_one_source(arguments, *result.plan);
   }
-  result.configurations = result.plan ? result.plan->cols() : arguments.configurations;
+  result.configurations = result.plan ? result.plan->joint_values.cols() : arguments.configurations;
+  if (arguments.places.stations > result.configurations) {
+    throw InputError(fmt::format("--stations: {} of {} configurations, expected at least one for each station",
+                                 arguments.places.stations, result.configurations));
+  }
+  require_one_ball(arguments.places, result.targets.size());
   return result;
 }
 
 Eigen::MatrixXd to_fit(const SimulateArguments& arguments, const Setup& set, Random& random) {
-  return set.plan ? *set.plan : random_configurations(set.model.joints, set.ranges, arguments.configurations, random);
+  return set.plan ? set.plan->joint_values
+                  : random_configurations(set.model.joints, set.ranges, arguments.configurations, random);
 }
 
 DrivenConfigurations driven(const SimulateArguments& arguments, const Setup& set, const Eigen::MatrixXd& stops,
@@ -139,6 +159,23 @@ Json truth_of(const Robot& robot, const SimulateArguments& arguments, const Setu
   return truth;
 }
 
+bool has_own_stations(const Setup& set) { return set.plan && set.plan->stations.size() > 1; }
+
+// Moves the robot's tracker to the stations of the plan, or as many as asked for, drawn from a stream of their own.
+VirtualRobot at_places(VirtualRobot robot, const Setup& set, const SimulateArguments& arguments) {
+  constexpr std::uint64_t kStream = 3;
+  const int stations = has_own_stations(set) ? static_cast<int>(set.plan->stations.size()) : arguments.places.stations;
+  if (stations < 2) {
+    return robot;
+  }
+  Random random(arguments.seed, kStream);
+  robot = at_stations(std::move(robot), stations, random);
+  if (has_own_stations(set)) {
+    robot.model.stations = set.plan->stations;
+  }
+  return robot;
+}
+
 Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   const Setup set = setup(robot, arguments);
   Random random(arguments.seed);
@@ -153,9 +190,13 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
     result.truth = truth_of(robot, arguments, set, result.robot);
     return result;
   }
-  result.robot = at_places(std::move(result.robot), arguments.places, arguments.seed);
+  result.robot = at_places(std::move(result.robot), set, arguments);
   const Eigen::MatrixXd train = to_fit(arguments, set, random);
-  result.measurements = measure(result.robot, driven(arguments, set, train), arguments.noise, random);
+  DrivenConfigurations fitted = driven(arguments, set, train);
+  if (has_own_stations(set)) {
+    fitted.stations = stations_of_configurations(*set.plan);
+  }
+  result.measurements = measure(result.robot, fitted, arguments.noise, random);
   if (arguments.test_configurations > 0) {
     const Eigen::MatrixXd test =
         random_configurations(set.model.joints, set.ranges, arguments.test_configurations, random);

@@ -1,5 +1,6 @@
 #include "cli/simulated_places.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <string_view>
 #include <utility>
@@ -39,6 +40,12 @@ void require_directions(const PlaceArguments& arguments) {
   }
 }
 
+void require_one_ball(const PlaceArguments& arguments, std::size_t targets) {
+  if (!arguments.sockets.empty() && targets != 1) {
+    throw InputError(fmt::format("--sockets: {} targets, expected one, a ball (--targets 1)", targets));
+  }
+}
+
 void require_places(const SimulateArguments& arguments) {
   require_directions(arguments.places);
   const bool single = arguments.places.directions != kAxes;
@@ -56,15 +63,6 @@ void require_places(const SimulateArguments& arguments) {
         "--sockets: poses that touch a plate are drawn, each once, expected none of --plan, --poses, "
         "--order, --repeats, --test-configurations, --two-step, --monte-carlo");
   }
-}
-
-VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std::uint64_t seed) {
-  constexpr std::uint64_t kStream = 3;
-  if (arguments.stations < 2 || !arguments.sockets.empty()) {
-    return robot;
-  }
-  Random random(seed, kStream);
-  return at_stations(std::move(robot), arguments.stations, random);
 }
 
 Places places_of(const PlaceArguments& arguments) {

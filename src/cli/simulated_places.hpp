@@ -16,8 +16,9 @@ void require_directions(const PlaceArguments& arguments);
 /// Throws InputError for options that several places or a plate do not support.
 void require_places(const SimulateArguments& arguments);
 
-/// Moves the robot's tracker to `stations` places, drawn from a stream of their own.
-VirtualRobot at_places(VirtualRobot robot, const PlaceArguments& arguments, std::uint64_t seed);
+/// Throws InputError unless the robot that sets its ball into sockets has one target.
+void require_one_ball(const PlaceArguments& arguments, std::size_t targets);
+
 /// With the sockets of --sockets.
 Places places_of(const PlaceArguments& arguments);
 

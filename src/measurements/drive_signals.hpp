@@ -27,6 +27,7 @@ DriveSignals side_by_side(const DriveSignals& first, const DriveSignals& second)
 struct DrivenConfigurations {
   Eigen::MatrixXd joint_values;
   DriveSignals signals;
+  std::vector<std::int16_t> stations = {};  ///< of each configuration; none: each station measures its share
 };
 
 /// The sign of each joint's last motion of more than 1e-6 rad or m on the way from stop to stop (`stops`: joints x N):

@@ -207,6 +207,10 @@ Plan make_plan(const PlanRequest& request) {
   if (request.calibrated && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
   }
+  if (request.calibrated && !request.calibrated->model.stations.empty()) {
+    throw OptionError("result",
+                      "knows bases of other stations, expected a calibration by whole points from one station");
+  }
   if (!request.effects.empty() && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan are of rigid arms, expected no effects beside them");
   }

@@ -214,9 +214,10 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
                               result.targets.size());
   for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
     result.configurations.push_back(std::to_string(c + 1));
-    const Eigen::Index station = c * stations / joint_values.cols();
+    const auto station = static_cast<std::size_t>(
+        driven.stations.empty() ? c * stations / joint_values.cols() : driven.stations[static_cast<std::size_t>(c)]);
     const Eigen::Isometry3d X_WF =
-        robot.truth.base(static_cast<std::size_t>(station)) *
+        robot.truth.base(station) *
         flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects, joint_values.col(c),
                                                   column(driven.signals, c))
                                .col(0));

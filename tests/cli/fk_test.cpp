@@ -336,7 +336,7 @@ TEST_F(OptionsOfKdlcal, ModelSaysWhatMeasurementsFromSeveralPlacesDetermine) {
   EXPECT_THAT(text, HasSubstr("Tz2"));
   EXPECT_THAT(text, HasSubstr("each base, directions of 6: 3\n"));
   expect_refused({"model", "--poses", "--stations", "2"}, {"--poses", "expected none with --stations"});
-  expect_refused({"model", "--sockets", "one.json"}, {"targets of a robot that touches a plate"});
+  expect_refused({"model", "--sockets", "one.json"}, {"--sockets: 3 targets, expected one, a ball (--targets 1)"});
 }
 
 TEST_F(OptionsOfKdlcal, ModelNamesTheJointsThatFollowOthers) {

@@ -9,6 +9,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/stations.hpp"
 #include "planning/experiment.hpp"
 #include "planning/measuring_plan.hpp"
 #include "printed_text.hpp"
@@ -505,6 +506,42 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   for (const Words& more : {Words{"--accuracy", "0.1"}, Words{"--criterion", "G"}, Words{"--effects", "gravity"},
                             Words{"--report", "p.html"}, Words{"--monte-carlo", "2"}}) {
     expect_refused(with(Words{"--stations", "2"} + more), {more.front(), "whole points from one station"});
+  }
+}
+
+TEST_F(PlanCommand, ForAPlateSaysWhereItStandsAndIsMeasuredFromThere) {
+  write("sockets.json",
+        R"({"targets": [{"name": "1", "position": [0, 0, 0]}, {"name": "2", "position": [0.4, 0, 0]}]})");
+  const auto plan = [&](const Words& stations) {
+    return run(Words{"plan", "--targets", "1", "--sockets", "sockets.json", "--workspace", "50", "--starts", "2",
+                     "--output", "p.csv", "--force"} +
+               stations);
+  };
+  const std::string alone = plan({"--configurations", "25"}).out;
+  EXPECT_THAT(alone, HasSubstr("25 configurations shared evenly by 1 station, the best of 2 draws of stations;"));
+  EXPECT_THAT(alone, HasSubstr("\n  P1  "));
+  const std::string several = plan({"--configurations", "30", "--stations", "4"}).out;
+  EXPECT_THAT(several, HasSubstr("30 configurations shared evenly by 4 stations,"));
+  EXPECT_THAT(several, HasSubstr("\n  P4  "));
+
+  for (const char* command : {"plan", "simulate"}) {
+    expect_refused({command, "--sockets", "sockets.json"}, {"--sockets: 3 targets, expected one, a ball"});
+  }
+  expect_refused(
+      {"simulate", "--sockets", "sockets.json", "--targets", "1", "--stations", "4", "--configurations", "3"},
+      {"--stations: 4 of 3 configurations, expected at least one for each station"});
+}
+
+TEST_F(PlanCommand, ForATrackerThatIsMovedIsMeasuredFromItsStations) {
+  succeed(with({"--stations", "4", "--configurations", "30", "--output", "p.csv"}));
+  succeed({"simulate", "--plan", "p.csv", "--output", "m.csv"});
+  const Measurements planned = read_configurations(directory / "p.csv", joint_names(fanuc()));
+  const Measurements measured = read_measurements(directory / "m.csv", joint_names(fanuc()));
+  EXPECT_EQ(measured.stations, planned.stations);
+  EXPECT_EQ(stations_of_configurations(measured), stations_of_configurations(planned));
+  EXPECT_EQ(run({"calibrate", "--measurements", "m.csv"}).status, 0);
+  for (const Words& more : {Words{"--stations", "4"}, Words{"--two-step", "3"}, Words{"--monte-carlo", "3"}}) {
+    expect_refused(Words{"simulate", "--plan", "p.csv"} + more, {"p.csv has 4 stations"});
   }
 }
 

@@ -399,7 +399,7 @@ DrivenConfigurations driven_stops(const ErrorModel& model, Random& random) {
 TEST(JointEffects, OfTheDirectionOfApproachIsItsSignWhereItIsKnown) {
   ErrorModel model = complete_model(fanuc());
   Random random(11);
-  const auto [q, signals] = driven_stops(model, random);
+  const auto [q, signals, from] = driven_stops(model, random);
   model.effects = effect_terms(model, EffectGroup::backlash, q, signals);
   std::erase_if(model.effects,
                 [](const EffectTerm& term) { return !std::holds_alternative<ApproachSide>(term.function); });
@@ -427,7 +427,7 @@ TEST(JointEffects, OfTheDirectionOfApproachIsItsSignWhereItIsKnown) {
 TEST(JointEffects, OfMeasuredTorquesAreTheTorqueAndItsSide) {
   ErrorModel model = complete_model(fanuc());
   Random random(12);
-  const auto [q, signals] = driven_stops(model, random);
+  const auto [q, signals, from] = driven_stops(model, random);
   model.effects = effect_terms(model, EffectGroup::torque, q, signals);
   ASSERT_EQ(model.effects.size(), 12U);
   EXPECT_EQ(model.effects[2].name, "torque.2");

@@ -66,7 +66,7 @@ TEST(EffectsJson, EverySortOfTermIsReadBackToTheLastBit) {
   model.effects = read.terms;
   ASSERT_EQ(model.effects.size(), every_sort().model.effects.size());
   EXPECT_TRUE(read.values == every_sort().values);
-  const auto& [q, signals] = every_sort().driven;
+  const auto& [q, signals, from] = every_sort().driven;
   EXPECT_TRUE(effect_basis(model, q, signals) == effect_basis(every_sort().model, q, signals));
   int withheld = 0;
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
