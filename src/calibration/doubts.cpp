@@ -14,6 +14,7 @@
 #include "calibration/validation_stage.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/directions.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
@@ -96,6 +97,16 @@ std::vector<std::string> missing_parameters(const CalibrationResult& found, Mode
   return estimated < told_apart ? without_stations(found.uncertainty.fixed_by_gauge) : std::vector<std::string>();
 }
 
+// Whether each station has but one point. An arm of any size reaches it: no length is known.
+bool has_no_length(const Measurements& measurements) {
+  for (std::size_t station = 0; station < std::max<std::size_t>(measurements.stations.size(), 1); ++station) {
+    if (loose_rotations(rows_of_station(measurements, station).measurements).axes.cols() < 3) {
+      return false;
+    }
+  }
+  return true;
+}
+
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
   const std::vector<std::string> missing = missing_parameters(found, model);
   const bool open = found.fit.identification.termination == Termination::rank_deficient;
@@ -109,6 +120,11 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
   const std::vector<std::string> still = joints_at_rest(found, measurements);
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
+  } else if (!found.model.stations.empty() && has_no_length(measurements)) {
+    return {{.cause = Cause::not_determined,
+             .message = message +
+                        ": each station has a single point, which an arm of any size reaches; measure a second "
+                        "socket at a known distance as well, in more configurations"}};
   }
   return {{.cause = Cause::not_determined,
            .message = message + "; predictions hold where it was measured, single parameters do not; measure more "

@@ -143,6 +143,15 @@ TEST(Stations, OfTestRowsAloneAreRefused) {
               HasSubstr("station 'S3' has test rows alone"));
 }
 
+TEST(PlacesOfAPlate, WithOneSocketAloneShowNoLength) {
+  Ball experiment(6);
+  const Calibration found =
+      calibrate(bundled_robot(), experiment.touched(4, 60, 1e-5, {{0.0, 0.0, 0.0}}), geometry_alone());
+  EXPECT_FALSE(found.trusted());
+  EXPECT_THAT(found.doubts(),
+              ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("measure a second socket"))));
+}
+
 TEST(PlacesOfAPlate, WithOneSocketHoldThreeRotationsBesideATracker) {
   Ball experiment(5);
   const Measurements tracker = experiment.measure(30);  // from one place
