@@ -47,7 +47,7 @@ Fitted identify(const FitProblem& problem, const EstimatorOptions& estimator, St
     return {std::move(robust.fit), {.weights = std::move(robust.weights), .scale = robust.scale}};
   }
   const LeastSquaresProblem equations = equations_of(problem);
-  if (steps == Steps::any || equations.equations() < equations.columns()) {
+  if (steps == Steps::any || equations.equations() < equations.shown_directions()) {
     return {identify_jointly(problem.model, problem.measurements, problem.start, problem.free, joint), {}};
   }
   return {descend(equations, problem.start, joint, steps), {}};
@@ -115,7 +115,7 @@ struct FittedInGauge {
 FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOptions& estimator, Steps steps) {
   const Unknowns& candidates = problem.free;
   const LeastSquaresProblem equations = equations_of(problem);
-  if (estimator.method == Method::two_step || equations.equations() < equations.columns()) {
+  if (estimator.method == Method::two_step || equations.equations() < equations.shown_directions()) {
     return {.fitted = identify(problem, estimator, steps), .free = candidates};
   }
   Unknowns free = candidates;
@@ -166,7 +166,7 @@ bool has_more_to_explain(const FitProblem& complete, const Identification& found
   constexpr long kFreedom = 20;  // least surplus of equations over unknowns
   constexpr Eigen::Index kMany = 20000;
   const LeastSquaresProblem problem = equations_of(complete);
-  if (found.rms < kEqualMisfits || problem.equations() < problem.columns() + kFreedom ||
+  if (found.rms < kEqualMisfits || problem.equations() < problem.shown_directions() + kFreedom ||
       complete.measurements.joint_values.cols() > kMany) {
     return false;
   }

@@ -44,11 +44,14 @@ const ErrorModel& checked(const ErrorModel& model, const Measurements& measureme
   return model;
 }
 
+bool is_free(const std::array<int, 6>& columns) {
+  return std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+}
+
 // The rotations as motions of the base, in `count` columns. None if a column of the base is fixed.
 MatrixXd motions_of_base(const LooseRotations& loose, const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns,
                          Index count) {
-  const bool free = std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
-  MatrixXd result = MatrixXd::Zero(count, free ? loose.axes.cols() : 0);
+  MatrixXd result = MatrixXd::Zero(count, is_free(columns) ? loose.axes.cols() : 0);
   for (Index i = 0; i < result.cols(); ++i) {
     const Eigen::Vector3d turn = X_WB.linear().transpose() * loose.axes.col(i);
     Vector6d motion;
@@ -247,6 +250,14 @@ LeastSquaresProblem::~LeastSquaresProblem() = default;
 const ErrorModel& LeastSquaresProblem::model() const { return data_->model; }
 const Unknowns& LeastSquaresProblem::unknowns() const { return data_->unknowns; }
 Index LeastSquaresProblem::columns() const { return data_->unknowns.size(); }
+Index LeastSquaresProblem::shown_directions() const {
+  Index result = columns();
+  for (const Data::Part& part : data_->parts) {
+    result -= is_free(data_->unknowns.base_columns(part.station)) ? part.loose.axes.cols() : 0;
+  }
+  return result;
+}
+
 long LeastSquaresProblem::equations() const { return data_->totals.equations; }
 long LeastSquaresProblem::points() const { return data_->totals.points; }
 double LeastSquaresProblem::cost_of_repeats() const { return data_->totals.cost_of_repeats; }

@@ -400,6 +400,9 @@ ModelSelection select_model(const ModelSelectionTask& task, const Identification
     as_stated.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
   } else if (automatic && !determined) {
     as_stated.not_tried = "priors and effects (the measurements do not determine all geometric errors)";
+  } else if (automatic && task.measurements.stations.size() > 1 &&
+             !can_be_left_out(task.measurements, make_folds(task.measurements, 0), 0)) {
+    as_stated.not_tried = "priors and effects (no configuration can be left out: each station needs all of its own)";
   } else {
     return select_effects(task);
   }

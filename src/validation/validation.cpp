@@ -159,30 +159,45 @@ Measurements rest_of(const Measurements& station, const std::vector<Eigen::Index
   });
 }
 
-// Takes configurations out of the folds without which their station would lose its base: no fit would predict them.
-// Leaves the folds alone if that takes all.
-void keep_bases(const Measurements& measurements, std::vector<std::vector<Eigen::Index>>& folds) {
+// The stations of each fold whose base the other configurations determine less.
+std::vector<std::vector<std::int16_t>> bases_lost(const Measurements& measurements,
+                                                  const std::vector<std::vector<Eigen::Index>>& folds) {
   constexpr std::size_t kEnough = 10;  // configurations beside the fold
+  std::vector<std::vector<std::int16_t>> result(folds.size());
   if (measurements.stations.size() < 2) {
-    return;
+    return result;
   }
-  std::vector<std::vector<Eigen::Index>> kept = folds;
   const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
-  for (std::size_t s = 0; s < measurements.stations.size(); ++s) {
-    const Measurements own = rows_of_station(measurements, s).measurements;
+  for (std::int16_t s = 0; s < std::ssize(measurements.stations); ++s) {
+    const Measurements own = rows_of_station(measurements, static_cast<std::size_t>(s)).measurements;
     const Eigen::Index open = loose_rotations(rest_of(own, {})).axes.cols();
-    const auto all =
-        static_cast<std::size_t>(std::count(stations.begin(), stations.end(), static_cast<std::int16_t>(s)));
-    for (std::vector<Eigen::Index>& fold : kept) {
-      const auto is_own = [&](Eigen::Index c) { return stations[static_cast<std::size_t>(c)] == static_cast<int>(s); };
-      const auto left_out = static_cast<std::size_t>(std::count_if(fold.begin(), fold.end(), is_own));
+    const auto all = static_cast<std::size_t>(std::count(stations.begin(), stations.end(), s));
+    for (std::size_t f = 0; f < folds.size(); ++f) {
+      const auto left_out =
+          static_cast<std::size_t>(std::count_if(folds[f].begin(), folds[f].end(), [&](Eigen::Index c) {
+            return stations[static_cast<std::size_t>(c)] == s;
+          }));
       if (left_out == 0 || all > left_out + kEnough) {
         continue;
       }
-      const Measurements rest = rest_of(own, fold);
+      const Measurements rest = rest_of(own, folds[f]);
       if (rest.observations.empty() || loose_rotations(rest).axes.cols() > open) {
-        std::erase_if(fold, is_own);
+        result[f].push_back(s);
       }
+    }
+  }
+  return result;
+}
+
+// Takes configurations out of the folds without which their station would lose its base: no fit would predict them.
+// Leaves the folds alone if that takes all.
+void keep_bases(const Measurements& measurements, std::vector<std::vector<Eigen::Index>>& folds) {
+  const std::vector<std::vector<std::int16_t>> lost = bases_lost(measurements, folds);
+  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
+  std::vector<std::vector<Eigen::Index>> kept = folds;
+  for (std::size_t f = 0; f < kept.size(); ++f) {
+    for (const std::int16_t station : lost[f]) {
+      std::erase_if(kept[f], [&](Eigen::Index c) { return stations[static_cast<std::size_t>(c)] == station; });
     }
   }
   std::erase_if(kept, [](const std::vector<Eigen::Index>& fold) { return fold.empty(); });
@@ -306,7 +321,10 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
     equations[static_cast<std::size_t>((*training).observations[i].configuration)] += own;
     all += own;
   }
-  return folds.size() > 1 && std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
+  const std::vector<std::vector<std::int16_t>> lost = bases_lost(measurements, folds);
+  return folds.size() > 1 &&
+         std::all_of(lost.begin(), lost.end(), [](const auto& stations) { return stations.empty(); }) &&
+         std::all_of(folds.begin(), folds.end(), [&](const std::vector<Eigen::Index>& fold) {
            Eigen::Index left = all;
            for (const Eigen::Index c : fold) {
              left -= equations[static_cast<std::size_t>(c)];

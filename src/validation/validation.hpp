@@ -56,7 +56,8 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
 std::vector<std::vector<Eigen::Index>> with_rest(std::vector<std::vector<Eigen::Index>> folds,
                                                  const Measurements& measurements);
 
-/// Whether, without any one fold, the training rows have at least as many equations as there are unknowns.
+/// Whether, without any one fold, the training rows have at least as many equations as there are unknowns, and each
+/// station determines its base as before.
 bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
                      Eigen::Index unknowns);
 

@@ -122,6 +122,52 @@ TEST(PlacesOfAPlate, WithSocketsOnALineHoldTheRotationAboutIt) {
   }
 }
 
+// The length from target A in one configuration to target B in the next is a station with two points. Of a length five
+// directions of its base are free, so that it adds one equation.
+Measurements lengths_between(const Measurements& points) {
+  Measurements result = points;
+  result.observations.clear();
+  for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
+    Observation from = points.observations[first];
+    Observation to = points.observations[first + 3];
+    to.position = {(to.position - from.position).norm(), 0.0, 0.0};
+    from.position.setZero();
+    from.station = to.station = static_cast<std::int16_t>(result.stations.size());
+    result.stations.push_back("L" + std::to_string(result.stations.size() + 1));
+    result.observations.push_back(from);
+    result.observations.push_back(to);
+  }
+  return result;
+}
+
+TEST(LengthsBetweenTwoTargets, InTwoConfigurationsEachAreExactWithoutNoise) {
+  testing::VirtualExperiment experiment(
+      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(11)});
+  const Measurements lengths = lengths_between(testing::without_sigmas(experiment.measure(120)));
+  ASSERT_EQ(lengths.stations.size(), 60U);
+  CalibrationOptions options = geometry_alone();
+  options.validation.held_out = true;
+  const Calibration found = calibrate(bundled_robot(), lengths, options);
+  EXPECT_TRUE(found.trusted());
+  EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 60);
+  const CalibrationParts& parts = found.parts();
+  const MatrixXd q = experiment.configurations(50);
+  const VirtualRobot& robot = experiment.robot;
+  EXPECT_LT(distance_up_to_gauge(points(parts.model, parts.estimate, q), points(robot.model, robot.truth, q)), 1e-9);
+  // One end of a length says nothing of where the other is.
+  EXPECT_FALSE(found.accuracy().leave_one_out);
+  EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("nothing is known of unseen configurations")));
+}
+
+// Nineteen lengths are fewer than the parameters of the arm.
+TEST(LengthsBetweenTwoTargets, AreRefusedWhereTheyAreTooFew) {
+  testing::VirtualExperiment experiment(
+      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(11)});
+  const Measurements lengths = lengths_between(testing::without_sigmas(experiment.measure(38)));
+  EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), lengths, geometry_alone()); }),
+              HasSubstr("too few measurements: 114 measured coordinates for"));
+}
+
 TEST(Stations, OfOneConfigurationAreNotLeftOut) {
   Tracker experiment(7);
   const Measurements few = subset(experiment.measured(30, 3e-5),
