@@ -315,6 +315,16 @@ private:
 
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
                                                     const Estimate& fit, const Unknowns& free) {
+  const double as_read = nominal_misfit(model, measurements, 1.0);
+  for (const double factor : {1e3, 1e-3}) {
+    if (const double instead = nominal_misfit(model, measurements, factor); instead < kMostMisfitLeft * as_read) {
+      return {
+          {.cause = Cause::length_unit,
+           .message = fmt::format("as they were read the measurements leave a misfit of {} of the nominal arm; with "
+                                  "all lengths times {:.3g} ({}) it is {}; {}",
+                                  in_mm(as_read), factor, units_of_factor(1.0 / factor), in_mm(instead), kUsedAsRead)}};
+    }
+  }
   const CommonScale common = common_scale(model, measurements, fit, free);
   if (std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
     return {};

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "base/distributions.hpp"
@@ -19,6 +20,18 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+// With all measured lengths `factor` times as long, and without weights.
+Measurements longer(Measurements measurements, double factor) {
+  for (Observation& observation : measurements.observations) {
+    observation.sigma = 0.0;
+    observation.position *= factor;
+  }
+  for (MeasuredCoordinates& measured : measurements.coordinates) {
+    measured.distance *= factor;
+  }
+  return measurements;
+}
+
 // Sums over all measured coordinates and distances z, with J the derivatives by what is free and J_all those by every
 // geometric error.
 struct NormalSums {
@@ -29,18 +42,9 @@ struct NormalSums {
 };
 
 NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const Estimate& fit, const Unknowns& free) {
-  measurements.orientations.clear();
-  for (Observation& observation : measurements.observations) {
-    observation.sigma = 0.0;
-  }
   constexpr double kStep = 1e-3;
-  Measurements longer = measurements;
-  for (Observation& observation : longer.observations) {
-    observation.position *= 1.0 + kStep;
-  }
-  for (MeasuredCoordinates& measured : longer.coordinates) {
-    measured.distance *= 1.0 + kStep;
-  }
+  measurements.orientations.clear();
+  measurements = longer(std::move(measurements), 1.0);
   const Unknowns complete = free.with_all(model, UnknownGroup::geometric);
   const auto linearised = [&](const Measurements& rows, const Unknowns& unknowns) {
     NormalEquations equations = LeastSquaresProblem(model, rows, unknowns).linearise(fit);
@@ -55,7 +59,7 @@ NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const
   const auto [first, count] = complete.range(UnknownGroup::geometric);
   return {.information = at_fit.hessian,
           .cross = linearised(measurements, complete).hessian(columns, Eigen::seqN(first, count)),
-          .right_side = (linearised(longer, free).gradient - at_fit.gradient) / kStep,
+          .right_side = (linearised(longer(measurements, 1.0 + kStep), free).gradient - at_fit.gradient) / kStep,
           .variance = at_fit.cost / coordinates_of(measurements)};
 }
 
@@ -117,6 +121,13 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
   }
   const auto freedom = static_cast<double>(count - 1);
   return {.factor = 1.0 / (1.0 - slope), .p_value = f_upper_tail(explained / left * freedom, 1.0, freedom)};
+}
+
+double nominal_misfit(const ErrorModel& model, const Measurements& measurements, double factor) {
+  const Measurements rows = longer(measurements, factor);
+  const Estimate nominal = nominal_start(model, rows);
+  const double cost = LeastSquaresProblem(model, rows, Unknowns(model, nominal.targets, {})).cost(nominal);
+  return std::sqrt(cost / coordinates_of(rows));
 }
 
 }  // namespace kdl_calibration

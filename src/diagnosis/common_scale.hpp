@@ -19,4 +19,8 @@ struct CommonScale {
 CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                          const Unknowns& free);
 
+/// [m] RMS of the measured coordinates and distances, `factor` times as long as they were read, from those of the
+/// nominal arm with registered bases and targets.
+double nominal_misfit(const ErrorModel& model, const Measurements& measurements, double factor);
+
 }  // namespace kdl_calibration

@@ -199,6 +199,25 @@ TEST(DistancesFromAnchors, TwoPerCentTooLongAreDoubted) {
   EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::cause, Cause::scale)));
 }
 
+TEST(AnotherUnit, OfAllLengthsIsNamed) {
+  for (const double factor : {1e3, 1e-3}) {
+    std::vector<Measurements> each = {
+        Distances(4).measured(3, false, 60, kNoise), Distances(4).beside_points(6, 60, kNoise),
+        testing::Heights(4).measured(60, kNoise), testing::Ball(4).touched(4, 40, kNoise)};
+    for (Measurements& measurements : each) {
+      for (Observation& observation : measurements.observations) {
+        observation.position *= factor;
+      }
+      for (MeasuredCoordinates& measured : measurements.coordinates) {
+        measured.distance *= factor;
+      }
+      const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements).doubts();
+      ASSERT_FALSE(doubts.empty());
+      EXPECT_EQ(doubts.front().cause, Cause::length_unit) << factor << ' ' << doubts.front().message;
+    }
+  }
+}
+
 TEST(DistancesFromAnchors, ABlunderIsNamed) {
   Distances experiment(9);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);
