@@ -321,7 +321,7 @@ std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, con
       return {
           {.cause = Cause::length_unit,
            .message = fmt::format("as they were read the measurements leave a misfit of {} of the nominal arm; with "
-                                  "all lengths times {:.3g} ({}) it is {}; {}",
+                                  "all lengths times {:.4g} ({}) it is {}; {}",
                                   in_mm(as_read), factor, units_of_factor(1.0 / factor), in_mm(instead), kUsedAsRead)}};
     }
   }
