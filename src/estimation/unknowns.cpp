@@ -229,6 +229,7 @@ Unknowns Unknowns::of_station(std::size_t station) const {
   std::vector<Unknown> own = subset(at_station(station)).columns_;
   for (Unknown& unknown : own) {
     unknown.index -= unknown.group == UnknownGroup::base ? 6 * station : 0;
+    unknown.sigma = 0.0;
   }
   Unknowns result = *this;
   result.arrange(std::move(own));

@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "effects/effect_terms.hpp"
 #include "estimation/identification.hpp"
+#include "estimation/least_squares.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/stations.hpp"
 #include "virtual_experiment.hpp"
@@ -100,6 +102,25 @@ Unknowns unknowns(const MovedTracker& experiment) {
     }
   }
   return {experiment.model, experiment.targets, names};
+}
+
+TEST(StationLeastSquares, PriorsOfEffectsCountOnce) {
+  MovedTracker experiment(5, 12);
+  const Measurements measurements = experiment.measured();
+  Estimate estimate = nearby(experiment);
+  ErrorModel model = experiment.model;
+  model.effects = effect_terms(model, EffectGroup::gravity, experiment.q);
+  for (EffectTerm& term : model.effects) {
+    term.sigma = 1e-4;
+  }
+  const auto count = std::ssize(model.effects);
+  estimate.effects = VectorXd::Constant(count, 2e-4);
+  const Unknowns geometry = unknowns(experiment);
+  const Unknowns all = geometry.with_all(model, UnknownGroup::effects);
+  const LeastSquaresProblem beside(model, measurements, all);
+  const double without = LeastSquaresProblem(model, measurements, geometry).cost(estimate);
+  EXPECT_NEAR(beside.cost(estimate) - without, 4.0 * static_cast<double>(count), 1e-6);
+  EXPECT_NEAR(beside.linearise(estimate).cost - without, 4.0 * static_cast<double>(count), 1e-6);
 }
 
 // Whitened rows against central differences of the predicted points, whatever the noise.
