@@ -185,7 +185,6 @@ std::vector<Asked> methods_of_estimation() {
       {"LeastSquaresProblem::model", [&] { return static_cast<double>(s.problem.model().parameters.size()); }},
       {"LeastSquaresProblem::unknowns", [&] { return static_cast<double>(s.problem.unknowns().size()); }},
       {"LeastSquaresProblem::columns", [&] { return static_cast<double>(s.problem.columns()); }},
-      {"LeastSquaresProblem::shown_directions", [&] { return static_cast<double>(s.problem.shown_directions()); }},
       {"LeastSquaresProblem::equations", [&] { return static_cast<double>(s.problem.equations()); }},
       {"LeastSquaresProblem::points", [&] { return static_cast<double>(s.problem.points()); }},
       {"LeastSquaresProblem::cost_of_repeats", [&] { return s.problem.cost_of_repeats(); }},

@@ -47,7 +47,7 @@ Fitted identify(const FitProblem& problem, const EstimatorOptions& estimator, St
     return {std::move(robust.fit), {.weights = std::move(robust.weights), .scale = robust.scale}};
   }
   const LeastSquaresProblem equations = equations_of(problem);
-  if (steps == Steps::any || equations.equations() < equations.shown_directions()) {
+  if (steps == Steps::any || equations.equations() < equations.columns()) {
     return {identify_jointly(problem.model, problem.measurements, problem.start, problem.free, joint), {}};
   }
   return {descend(equations, problem.start, joint, steps), {}};
@@ -103,6 +103,22 @@ std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std:
   return result;
 }
 
+// The unknowns without those columns.
+Unknowns shown_unknowns(const FitProblem& problem, const LeastSquaresProblem& equations) {
+  if (problem.model.stations.empty()) {
+    return problem.free;
+  }
+  const Eigen::MatrixXd sqrt_information = equations.whitened_summary(problem.start).sqrt_information;
+  std::vector<bool> marked(problem.free.columns().size(), true);
+  if (sqrt_information.allFinite()) {
+    for (const Eigen::Index column :
+         open_columns_of_bases(problem.free, problem.model.stations.size(), sqrt_information)) {
+      marked[static_cast<std::size_t>(column)] = false;
+    }
+  }
+  return problem.free.subset(marked);
+}
+
 constexpr int kGaugeRounds = 3;
 
 struct FittedInGauge {
@@ -115,8 +131,9 @@ struct FittedInGauge {
 FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOptions& estimator, Steps steps) {
   const Unknowns& candidates = problem.free;
   const LeastSquaresProblem equations = equations_of(problem);
-  if (estimator.method == Method::two_step || equations.equations() < equations.shown_directions()) {
-    return {.fitted = identify(problem, estimator, steps), .free = candidates};
+  const Unknowns shown = shown_unknowns(problem, equations);
+  if (estimator.method == Method::two_step || equations.equations() < shown.size()) {
+    return {.fitted = identify(with_free(problem, shown), estimator, steps), .free = shown};
   }
   Unknowns free = candidates;
   const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {
@@ -166,7 +183,7 @@ bool has_more_to_explain(const FitProblem& complete, const Identification& found
   constexpr long kFreedom = 20;  // least surplus of equations over unknowns
   constexpr Eigen::Index kMany = 20000;
   const LeastSquaresProblem problem = equations_of(complete);
-  if (found.rms < kEqualMisfits || problem.equations() < problem.shown_directions() + kFreedom ||
+  if (found.rms < kEqualMisfits || problem.equations() < problem.columns() + kFreedom ||
       complete.measurements.joint_values.cols() > kMany) {
     return false;
   }

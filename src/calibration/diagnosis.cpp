@@ -8,6 +8,8 @@
 #include "base/counted_fits.hpp"
 #include "base/text.hpp"
 #include "calibration/doubts.hpp"
+#include "diagnosis/repeated_configurations.hpp"
+#include "estimation/identification.hpp"
 #include "measurements/directions.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
@@ -22,8 +24,16 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
     return {};
   }
   if (!found.model.stations.empty()) {
-    return readings_of_lengths(found.model, *TrainingRows(measurements), found.fit.identification.estimate,
-                               found.fit.free);
+    const TrainingRows rows(measurements);
+    std::vector<AlternativeReading> result = readings_of_unit(found.model, *rows);
+    if (result.empty() && has_converged(found.fit.identification)) {
+      result = readings_of_lengths(found.model, *rows, found.fit.identification.estimate, found.fit.free);
+    }
+    if (!has_single_coordinates(measurements)) {
+      const std::vector<AlternativeReading> repeated = repeated_configurations(measurements);
+      result.insert(result.end(), repeated.begin(), repeated.end());
+    }
+    return result;
   }
   return alternative_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,
                               {.registration = known_frames(task.parameters),

@@ -108,6 +108,18 @@ bool has_no_length(const Measurements& measurements) {
 }
 
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
+  if (measurements.stations.empty() && loose_rotations(measurements).axes.cols() > 0) {
+    return {{.cause = Cause::not_determined,
+             .message =
+                 "all points are on one line or in one place, which leaves a rotation of the base open; name the "
+                 "place of the plate in a column station, so that no prediction depends on that rotation"}};
+  }
+  if (found.noise.source == NoiseSource::residuals && found.noise.degrees_of_freedom < 1.0) {
+    return {{.cause = Cause::not_determined,
+             .message =
+                 "there are as many unknowns as measured coordinates, so that nothing shows how good the fit is; "
+                 "measure more configurations"}};
+  }
   const std::vector<std::string> missing = missing_parameters(found, model);
   const bool open = found.fit.identification.termination == Termination::rank_deficient;
   if (missing.empty() && !open && found.uncertainty.predicted.measured.count > 0) {
@@ -205,7 +217,8 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
 
 // What distances and single coordinates cannot show by their residuals.
 Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements) {
-  constexpr double kMostOpen = 10.0;  // of the noise
+  constexpr double kMostOpen = 10.0;   // of the noise
+  constexpr double kMostExcess = 3.0;  // of the residuals over the stated noise
   Doubts doubts;
   if (!has_single_coordinates(measurements)) {
     return doubts;
@@ -214,6 +227,17 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
   const bool are_many = 2 * rows_of_single_coordinates(measurements) > measurements.observations.size();
   const ErrorStatistics& open = found.uncertainty.predicted.measured;
   if (!is_named && are_many && open.count > 0 && open.rms > kMostOpen * found.noise.sigma && open.rms > kSmallest) {
+    const double excess = std::sqrt(found.noise.variance_factor);
+    if (excess > kMostExcess) {
+      doubts.push_back(
+          {.cause = Cause::large_misfit,
+           .message = fmt::format(
+               "the coordinates or distances are off by {:.4g} times their stated noise, and the whole points "
+               "are uncertain by {} (1 sigma) even at the measured configurations; check the places of anchors or "
+               "planes, a constant error of all distances, and the joint values",
+               excess, in_millimetres(open.rms))});
+      return doubts;
+    }
     doubts.push_back({.cause = Cause::not_determined,
                       .message = fmt::format(
                           "the coordinates or distances agree with the fit, but the whole points are uncertain by {} "

@@ -44,8 +44,9 @@ double link_length(const ErrorModel& model, const ErrorParameter& parameter) {
   for (std::size_t frame = 0; frame <= model.joints.size(); ++frame) {
     reach += length(frame);
   }
-  constexpr double kNoLink = 0.1;  // of a mean link
-  const double mean = reach / static_cast<double>(model.joints.size() + 1);
+  constexpr double kNoLink = 0.1;     // of a mean link
+  constexpr double kShortest = 0.01;  // [m] of a mean link, where joints that slide meet in one point
+  const double mean = std::max(reach / static_cast<double>(model.joints.size() + 1), kShortest);
   const double own = length(static_cast<std::size_t>(parameter.frame));
   return own > kNoLink * mean ? own : mean;
 }

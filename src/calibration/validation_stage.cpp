@@ -81,6 +81,23 @@ struct PredictedFolds {
   std::vector<std::string> warnings;
 };
 
+// Whether the configurations beside its fold leave a direction of the point open.
+bool is_open_point(const HeldOutPoint& point) { return !point.covariance.allFinite(); }
+
+// The distances of the other points. Of all where the points are not known.
+std::vector<double> determined(const std::vector<double>& distances, const std::vector<HeldOutPoint>& points) {
+  if (points.size() != distances.size()) {
+    return distances;
+  }
+  std::vector<double> result;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (!is_open_point(points[i])) {
+      result.push_back(distances[i]);
+    }
+  }
+  return result;
+}
+
 // Each fold predicted by the nominal, the calibrated and the rigid robot. `rigid`: the fit of the latter.
 PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& folds, const std::string& name,
                                double nominal, const Identification& rigid) {
@@ -108,12 +125,17 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
   } else {
     after = cross_validate(fitted, folds, compared.choice.threads);
   }
+  result.errors.before = error_statistics(determined(nominal_folds(compared, folds, nominal), result.points));
+  result.errors.after = error_statistics(determined(after.distances, result.points));
+  if (const auto open = std::count_if(result.points.begin(), result.points.end(), is_open_point); open > 0) {
+    result.warnings.push_back(
+        fmt::format("{} of {} left-out points are not counted: the other configurations do not determine them", open,
+                    result.points.size()));
+  }
   if (after.not_converged > 0) {
     result.warnings.push_back(
         fmt::format("{} of {} {} fits did not converge", after.not_converged, after.refits, name));
   }
-  result.errors.before = error_statistics(nominal_folds(compared, folds, nominal));
-  result.errors.after = error_statistics(after.distances);
   if (has_effects(compared)) {
     ErrorModel model = task.model;
     model.effects.clear();
@@ -124,9 +146,10 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
                        .options = counting(compared.rigid_options, compared, name, folds.size())};
     problem.start.effects.resize(0);
     result.errors.rigid =
-        error_statistics(compared.root != nullptr && has_converged(rigid)
-                             ? folds_by_downdates(problem, folds, compared.noise, compared.choice.threads)
-                             : cross_validate(problem, folds, compared.choice.threads).distances);
+        error_statistics(determined(compared.root != nullptr && has_converged(rigid)
+                                        ? folds_by_downdates(problem, folds, compared.noise, compared.choice.threads)
+                                        : cross_validate(problem, folds, compared.choice.threads).distances,
+                                    result.points));
   }
   return result;
 }
@@ -248,7 +271,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows, const Identif
     PredictedFolds predicted = predicted_folds(compared, folds, name, accuracy.train.before.rms, rigid);
     result.held_out_points = std::move(predicted.points);
     result.warnings.insert(result.warnings.end(), predicted.warnings.begin(), predicted.warnings.end());
-    return predicted.errors;
+    return predicted.errors.after.count > 0 ? std::optional(predicted.errors) : std::nullopt;
   };
   if (asked_singly || (by_default && !many)) {
     accuracy.leave_one_out = predict(singly, "leave-one-out");

@@ -313,8 +313,7 @@ private:
 
 }  // namespace
 
-std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
-                                                    const Estimate& fit, const Unknowns& free) {
+std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements) {
   const double as_read = nominal_misfit(model, measurements, 1.0);
   for (const double factor : {1e3, 1e-3}) {
     if (const double instead = nominal_misfit(model, measurements, factor); instead < kMostMisfitLeft * as_read) {
@@ -325,6 +324,11 @@ std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, con
                                   in_mm(as_read), factor, units_of_factor(1.0 / factor), in_mm(instead), kUsedAsRead)}};
     }
   }
+  return {};
+}
+
+std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
+                                                    const Estimate& fit, const Unknowns& free) {
   const CommonScale common = common_scale(model, measurements, fit, free);
   if (std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
     return {};

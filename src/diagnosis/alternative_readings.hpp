@@ -39,9 +39,11 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});
 
-/// Of these checks those for all lengths: whether they are a thousand times too long or too short, and whether the
-/// length errors are proportional to their links, as if the distance of the sockets or all measured distances are
-/// wrong. For any number of stations and any kind of row.
+/// Of these checks two of all lengths, for any number of stations and any kind of row. Whether they are a thousand
+/// times too long or too short for the nominal arm:
+std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements);
+/// Whether the length errors are proportional to their links: a fit finds such errors if the distance of the sockets or
+/// all measured distances are wrong.
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
                                                     const Estimate& fit, const Unknowns& free);
 

@@ -57,7 +57,7 @@ namespace {
 // An earlier result leaves base and targets unknown.
 void require_enough_equations(const LeastSquaresProblem& problem, const ResidualOptions& options,
                               const std::string& source) {
-  const Index unknowns = problem.shown_directions() - (options.earlier ? std::ssize(options.earlier->names) : 0);
+  const Index unknowns = problem.columns() - (options.earlier ? std::ssize(options.earlier->names) : 0);
   if (problem.equations() < unknowns) {
     throw InputError(fmt::format(
         "{}: too few measurements: {} measured coordinates for {} unknowns; at least {} are needed ({} whole points)",

@@ -44,14 +44,11 @@ const ErrorModel& checked(const ErrorModel& model, const Measurements& measureme
   return model;
 }
 
-bool is_free(const std::array<int, 6>& columns) {
-  return std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
-}
-
 // The rotations as motions of the base, in `count` columns. None if a column of the base is fixed.
 MatrixXd motions_of_base(const LooseRotations& loose, const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns,
                          Index count) {
-  MatrixXd result = MatrixXd::Zero(count, is_free(columns) ? loose.axes.cols() : 0);
+  const bool free = std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+  MatrixXd result = MatrixXd::Zero(count, free ? loose.axes.cols() : 0);
   for (Index i = 0; i < result.cols(); ++i) {
     const Eigen::Vector3d turn = X_WB.linear().transpose() * loose.axes.col(i);
     Vector6d motion;
@@ -84,8 +81,7 @@ struct LeastSquaresProblem::Data {
       : model(checked(the_model, measurements, the_unknowns, options)),
         unknowns(the_unknowns),
         targets(measurements.targets.size()),
-        one_station(the_model.stations.size() > 1 ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
-                                                  : nullptr),
+        one_station(std::make_unique<const ErrorModel>(at_stations_of({}, the_model))),
         parts(parts_of(measurements, options)),
         observed(parts.empty() ? gathered(the_model, the_unknowns, measurements, options) : ObservedData()),
         totals(totals_of_parts()),
@@ -145,7 +141,7 @@ struct LeastSquaresProblem::Data {
   const Unknowns unknowns;
   const std::size_t targets;
   const std::unique_ptr<const ErrorModel> one_station;  // the model of the parts
-  const std::vector<Part> parts;                        // of several stations
+  const std::vector<Part> parts;                        // of several stations, or one with loose rotations
   const ObservedData observed;                          // of a single one
   const ObservedTotals totals;
   const PriorRows priors;
@@ -157,7 +153,8 @@ struct LeastSquaresProblem::Data {
 std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of(const Measurements& measurements,
                                                                                  const ResidualOptions& options) const {
   std::vector<Part> result;
-  for (std::size_t station = 0; model.stations.size() > 1 && station < model.stations.size(); ++station) {
+  const bool in_parts = model.stations.size() > 1 || (!model.stations.empty() && has_loose_rotations(measurements));
+  for (std::size_t station = 0; in_parts && station < model.stations.size(); ++station) {
     const StationRows own = rows_of_station(measurements, station);
     ResidualOptions residuals = options;
     residuals.priors = {};
@@ -250,14 +247,6 @@ LeastSquaresProblem::~LeastSquaresProblem() = default;
 const ErrorModel& LeastSquaresProblem::model() const { return data_->model; }
 const Unknowns& LeastSquaresProblem::unknowns() const { return data_->unknowns; }
 Index LeastSquaresProblem::columns() const { return data_->unknowns.size(); }
-Index LeastSquaresProblem::shown_directions() const {
-  Index result = columns();
-  for (const Data::Part& part : data_->parts) {
-    result -= is_free(data_->unknowns.base_columns(part.station)) ? part.loose.axes.cols() : 0;
-  }
-  return result;
-}
-
 long LeastSquaresProblem::equations() const { return data_->totals.equations; }
 long LeastSquaresProblem::points() const { return data_->totals.points; }
 double LeastSquaresProblem::cost_of_repeats() const { return data_->totals.cost_of_repeats; }

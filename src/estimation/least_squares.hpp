@@ -54,11 +54,10 @@ public:
   const ErrorModel& model() const;
   const Unknowns& unknowns() const;
   Eigen::Index columns() const;
-  Eigen::Index shown_directions() const;  ///< columns, less the rotations that whitened_summary() leaves out
-  long equations() const;                 ///< measured coordinates, including repeats
-  long points() const;                    ///< measured points, including repeats
-  double cost_of_repeats() const;         ///< the part of the cost independent of the estimate
-  double total_weight() const;            ///< sum of the information of a coordinate over the points' means
+  long equations() const;          ///< measured coordinates, including repeats
+  long points() const;             ///< measured points, including repeats
+  double cost_of_repeats() const;  ///< the part of the cost independent of the estimate
+  double total_weight() const;     ///< sum of the information of a coordinate over the points' means
 
 private:
   struct Data;

@@ -102,6 +102,10 @@ LooseRotations loose_rotations(const Measurements& station) {
   return has_single_coordinates(station) && !may_lie_there(result, station) ? LooseRotations() : result;
 }
 
+bool has_loose_rotations(const Measurements& measurements) {
+  return measurements.stations.size() == 1 && loose_rotations(measurements).axes.cols() > 0;
+}
+
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted) {
   if (measurements.stations.size() < 2) {
     return;

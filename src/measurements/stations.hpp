@@ -31,6 +31,8 @@ struct LooseRotations {
   Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    ///< unit vectors in W; none if orientations were measured
 };
 LooseRotations loose_rotations(const Measurements& station);
+/// Whether the only station that a file names has some.
+bool has_loose_rotations(const Measurements& measurements);
 
 /// Throws InputError if a station of several has rows, but none of them is in `fitted`.
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted);

@@ -4,6 +4,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/directions.hpp"
+#include "measurements/stations.hpp"
 
 namespace kdl_calibration {
 
@@ -50,7 +51,8 @@ const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const 
 }
 
 ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
-  const bool apart = measurements.stations.size() > 1 || has_single_coordinates(measurements);
+  const bool apart =
+      measurements.stations.size() > 1 || has_single_coordinates(measurements) || has_loose_rotations(measurements);
   model.stations = apart ? measurements.stations : std::vector<std::string>();
   return model;
 }

@@ -40,7 +40,7 @@ bool is_determined(const FitProblem& problem, double times) {
 
 bool has_enough_equations(const FitProblem& problem) {
   const LeastSquaresProblem equations(problem.model, problem.measurements, problem.free);
-  return equations.equations() >= equations.shown_directions();
+  return equations.equations() >= equations.columns();
 }
 
 std::vector<QualityFinding> beside_effects(const FitProblem& plain, std::vector<QualityFinding> found) {

@@ -168,8 +168,9 @@ std::vector<std::vector<std::int16_t>> bases_lost(const Measurements& measuremen
     return result;
   }
   const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
-  for (std::int16_t s = 0; s < std::ssize(measurements.stations); ++s) {
-    const Measurements own = rows_of_station(measurements, static_cast<std::size_t>(s)).measurements;
+  for (std::size_t station = 0; station < measurements.stations.size(); ++station) {
+    const auto s = static_cast<std::int16_t>(station);
+    const Measurements own = rows_of_station(measurements, station).measurements;
     const Eigen::Index open = loose_rotations(rest_of(own, {})).axes.cols();
     const auto all = static_cast<std::size_t>(std::count(stations.begin(), stations.end(), s));
     for (std::size_t f = 0; f < folds.size(); ++f) {

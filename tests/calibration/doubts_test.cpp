@@ -60,7 +60,7 @@ struct Found {
     for (std::int32_t c = 0; c < 3; ++c) {
       measured.joint_values.col(c).setConstant(0.1 * c);
       measured.configurations.push_back(std::to_string(c + 1));
-      measured.observations.push_back({.position = Eigen::Vector3d::Zero(), .configuration = c});
+      measured.observations.push_back({.position = {0.1 * c, 0.1 * c * c, 0.0}, .configuration = c});
     }
     measured.targets = {"A"};
   }

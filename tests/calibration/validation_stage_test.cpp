@@ -280,6 +280,17 @@ TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
   }
 }
 
+// Three of four configurations determine fewer parameters than all four: the fit to all would predict the fourth by
+// what it took from it.
+TEST(HeldOut, IsNothingWhereTheRestLeavesTheParametersOpen) {
+  Series s;
+  s.measure_at(s.configurations(4));
+  const CalibrationResult found = s.calibrated();
+  EXPECT_EQ(found.accuracy.held_out(), nullptr);
+  EXPECT_THAT(found.diagnosis.warnings, ::testing::Contains(::testing::HasSubstr("12 of 12 left-out points are not "
+                                                                                 "counted")));
+}
+
 TEST(HeldOut, ReportsEachFitAndWhatItIsFor) {
   std::vector<std::string> reported;
   CalibrationSettings options{.validation = {.k_fold = 3}, .threads = 1};

@@ -218,6 +218,34 @@ TEST(AnotherUnit, OfAllLengthsIsNamed) {
   }
 }
 
+TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToDiffer) {
+  testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(2)});
+  experiment.robot = at_stations(experiment.robot, 3, experiment.random);
+  Measurements measurements = experiment.measure(80, {.sigma = kNoise});
+  for (Observation& observation : measurements.observations) {
+    measurements.coordinates.push_back({.distance = observation.position.norm() + 0.01});
+    observation.position.setZero();
+  }
+  const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements).doubts();
+  ASSERT_FALSE(doubts.empty());
+  EXPECT_EQ(doubts.front().cause, Cause::large_misfit);
+  EXPECT_THAT(doubts.front().message, HasSubstr("a constant error of all distances"));
+}
+
+// Three directions of each base are open, so that 21 + 4 x 3 unknowns are left for 40 coordinates.
+TEST(SingleCoordinates, AreEnoughWhereThoseThatAreShownAreFewer) {
+  testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(6)});
+  experiment.robot = at_stations(experiment.robot, 4, experiment.random);
+  const Measurements heights = along(testing::without_sigmas(experiment.measure(40)), kHeight);
+  const Calibration found = calibrate(bundled_robot(), heights, geometry_alone());
+  EXPECT_TRUE(found.trusted());
+  EXPECT_EQ(found.estimated().size(), 33U);
+  EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
+  const Measurements few = subset(heights, [](const Observation& o) { return o.configuration % 5 != 0; });
+  EXPECT_THAT(refusal([&] { calibrate(bundled_robot(), few, geometry_alone()); }),
+              HasSubstr("32 measured coordinates for 33 unknowns"));
+}
+
 TEST(DistancesFromAnchors, ABlunderIsNamed) {
   Distances experiment(9);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);

@@ -179,6 +179,30 @@ TEST(Stations, OfOneConfigurationAreNotLeftOut) {
   EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("station 'S3' has configuration 30 alone")));
 }
 
+// Eleven points are 33 coordinates, as many as the unknowns.
+TEST(Stations, WithoutASurplusOfCoordinatesAreDoubted) {
+  testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(3)});
+  experiment.robot = at_stations(experiment.robot, 2, experiment.random);
+  const Calibration found =
+      calibrate(bundled_robot(), testing::without_sigmas(experiment.measure(11, {.sigma = 3e-5})), geometry_alone());
+  EXPECT_THAT(found.doubts(),
+              ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("as many unknowns as measured"))));
+}
+
+TEST(Stations, CopiedTestRowsAreNamed) {
+  Measurements rows = Tracker(7).measured(30, 3e-5);
+  Measurements copies = subset(rows, [](const Observation& o) { return o.configuration < 3; });
+  copies.configurations = {"T1", "T2", "T3"};
+  copies.stations = rows.stations;
+  for (Observation& observation : copies.observations) {
+    observation.split = Split::test;
+  }
+  CalibrationOptions options = geometry_alone();
+  options.diagnosis.try_readings = true;
+  const Calibration found = calibrate(bundled_robot(), joined(rows, copies), options);
+  EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("has the very points of train configuration")));
+}
+
 TEST(Stations, OfTestRowsAloneAreRefused) {
   Tracker experiment(8);
   Measurements measurements = experiment.measured(30, 3e-5);
@@ -187,6 +211,23 @@ TEST(Stations, OfTestRowsAloneAreRefused) {
   }
   EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, geometry_alone()); }),
               HasSubstr("station 'S3' has test rows alone"));
+}
+
+// The frame of the plate turns about its line as it likes, and nothing in the base frame depends on it.
+TEST(PlacesOfAPlate, OneAloneDeterminesFiveDirections) {
+  Ball experiment(12);
+  Measurements touches = experiment.touched(1, 80, 3e-5);
+  const Calibration found = calibrate(bundled_robot(), touches, geometry_alone());
+  EXPECT_TRUE(found.trusted());
+  EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 1);
+  const MatrixXd q = experiment.configurations(50);
+  const VirtualRobot& robot = experiment.robot;
+  EXPECT_LT(
+      distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
+      1e-3);
+  touches.stations.clear();
+  EXPECT_THAT(calibrate(bundled_robot(), touches, geometry_alone()).doubts(),
+              ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("name the place of the plate"))));
 }
 
 TEST(PlacesOfAPlate, WithOneSocketAloneShowNoLength) {
