@@ -40,9 +40,16 @@ inline constexpr const char* kTwoJoints = R"(<robot name="two"><link name="a"/><
 <origin xyz="0 0.5 0.5"/><axis xyz="1 0 0"/></joint><joint name="t" type="fixed"><parent link="c"/><child link="d"/>
 </joint></robot>)";
 
+/// q = M c + o of kOddArm with signs, couplings, a factor and offsets; the controller has the slide in front.
+inline constexpr const char* kOddArmCoupled = R"({"controller_joints": ["S", "A1", "A2", "A3", "A4"],
+  "urdf_joints": ["turn", "slide", "skew", "elbow", "wrist"],
+  "matrix": [[0,1,0,0,0], [-1,0,0,0,0], [0,-0.5,1,0,0], [0,0,1,-1,0], [0,0,0,0,2]],
+  "offset": [0.1, 0.05, -0.2, 0.3, -0.4]})";
+
 using Words = std::vector<std::string>;
 
-inline Words operator+(Words left, const Words& right) {
+template <class T>
+std::vector<T> operator+(std::vector<T> left, const std::vector<T>& right) {
   left.insert(left.end(), right.begin(), right.end());
   return left;
 }
@@ -296,6 +303,13 @@ protected:
     std::ofstream(directory / name, std::ios::binary) << text;
     return name;
   }
+  /// A file of so many bytes that takes no room on the disk; false where the file system has none such.
+  bool write_sparse(const std::string& name, std::uintmax_t size) {
+    write(name, "");
+    std::error_code error;
+    std::filesystem::resize_file(directory / name, size, error);
+    return !error;
+  }
   void write(const std::map<std::string, std::string>& texts) {
     for (const auto& [name, text] : texts) {
       write(name, text);
@@ -315,6 +329,7 @@ protected:
     }
   }
 
+  std::string path(const std::string& name) const { return (directory / name).string(); }
   std::string text_of(const std::string& name) const { return content(directory / name); }
   nlohmann::json json_of(const std::string& name) const { return nlohmann::json::parse(text_of(name)); }
 

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <kdl/chainfksolverpos_recursive.hpp>
+#include <map>
 #include <numbers>
 #include <string>
 #include <vector>
@@ -71,6 +72,15 @@ inline Eigen::VectorXd random_errors(const ErrorModel& model, Random& random, do
   return errors;
 }
 
+/// No errors but those of these names [m], [rad].
+inline Eigen::VectorXd errors_of(const ErrorModel& model, const std::map<std::string, double>& named = {}) {
+  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  for (const auto& [name, error] : named) {
+    errors[static_cast<Eigen::Index>(parameter_index(model, name))] = error;
+  }
+  return errors;
+}
+
 inline Eigen::VectorXd random_joints(const ErrorModel& model, Random& random) {
   Eigen::VectorXd q(static_cast<Eigen::Index>(model.joints.size()));
   for (std::size_t i = 0; i < model.joints.size(); ++i) {
@@ -102,6 +112,22 @@ inline KDL::Frame kdl_pose(const KDL::Chain& chain, const Eigen::VectorXd& q) {
   KDL::Frame pose;
   KDL::ChainFkSolverPos_recursive(chain).JntToCart(joints, pose);
   return pose;
+}
+
+/// The robot's chain with other origins of its joints, by the segment that has one: origin and motion apart.
+template <class Origin>
+KDL::Chain chain_with(const Robot& robot, const Origin& origin_of) {
+  KDL::Chain chain;
+  std::size_t moving = 0;
+  for (const KDL::Segment& segment : robot.chain.segments) {
+    chain.addSegment(KDL::Segment(KDL::Joint(KDL::Joint::Fixed), origin_of(segment)));
+    if (segment.getJoint().getType() != KDL::Joint::Fixed) {
+      const MovingJoint& joint = robot.joints[moving++];
+      const auto type = joint.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
+      chain.addSegment(KDL::Segment(KDL::Joint(KDL::Vector::Zero(), joint.axis, type), KDL::Frame::Identity()));
+    }
+  }
+  return chain;
 }
 
 /// Largest difference of two poses over the coordinates of position and the elements of the rotation matrix.

@@ -27,6 +27,13 @@ inline std::vector<std::size_t> all_parameters(const ErrorModel& model) {
   return all;
 }
 
+/// Where a target is in the measuring frame, by KDL's solver.
+template <class Index>
+Eigen::Vector3d kdl_point(const KDL::Chain& chain, const Estimate& estimate, const Eigen::VectorXd& q, Index target) {
+  const Eigen::Vector3d in_flange = estimate.targets[static_cast<std::size_t>(target)].X_FT.translation();
+  return estimate.X_WB * (to_eigen(kdl_pose(chain, q)) * in_flange);
+}
+
 /// Targets of which not just the position is measured.
 inline std::vector<TargetFrame> as_frames(std::vector<TargetFrame> targets) {
   for (TargetFrame& target : targets) {

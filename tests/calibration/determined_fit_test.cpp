@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstring>
 #include <functional>
-#include <numbers>
 #include <set>
 #include <string>
 #include <vector>
@@ -441,8 +440,6 @@ TEST(WholeFitOfEveryKind, WeightsOfRowsAreSharesOfTheirOwnInformation) {
   }
 }
 
-// ---- Priors --------------------------------------------------------------------------------------------------------
-
 TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePlainFit) {
   const Measured points(5, published_targets(), 20, {.sigma = 1e-4});
   const Measured repeated(6, published_targets(), 16, {.sigma = 1e-4, .repeats = 3});
@@ -497,8 +494,6 @@ TEST(WholeFitOfEveryKind, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStat
   EXPECT_EQ(unstated.selection.priors.length, unstated.selection.tried.front().priors.length);
 }
 
-// ---- Robust losses -------------------------------------------------------------------------------------------------
-
 // Weights are those of the estimate and the estimate is that of the weights: another dense fit with them moves nothing.
 // Rows that are further off never weigh more.
 TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights) {
@@ -532,10 +527,8 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
       std::vector<std::pair<double, double>> by_distance;  // with the weight
       for (std::size_t row = 0; row < found.fit.robust.weights.size(); ++row) {
         const Observation& o = arm.measured.observations[row];
-        const Eigen::Isometry3d X_BF =
-            to_eigen(testing::kdl_pose(chain, arm.measured.joint_values.col(o.configuration)));
-        const Vector3d target = estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
-        const Vector3d e = o.position - estimate.X_WB * (X_BF * target);
+        const VectorXd q = arm.measured.joint_values.col(o.configuration);
+        const Vector3d e = o.position - testing::kdl_point(chain, estimate, q, o.target);
         by_distance.emplace_back(std::sqrt(e.dot((statement.dense.position(o) + common).ldlt().solve(e))),
                                  found.fit.robust.weights[row]);
         if (outliers.count(row) > 0) {
@@ -550,8 +543,6 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
     }
   }
 }
-
-// ---- Few degrees of freedom ----------------------------------------------------------------------------------------
 
 // One point in so many configurations that as many degrees of freedom are left; some parameters are fixed for that.
 struct Tight {
@@ -590,8 +581,6 @@ TEST(WholeFitOfEveryKind, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
     EXPECT_LT(relative.cwiseAbs().maxCoeff(), 1e-3);
   }
 }
-
-// ---- Test rows -----------------------------------------------------------------------------------------------------
 
 template <class Derived>
 void append(std::vector<double>& all, const Eigen::MatrixBase<Derived>& values) {
@@ -710,9 +699,6 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
   }
 }
 
-// ---- how a fit can end
-// -----------------------------------------------------------------------------------------------
-
 Measured at_limits(double sigma) { return {5, published_targets(), 25, {.sigma = sigma}}; }
 
 Unknowns irreducible(const Measured& s) {
@@ -748,8 +734,7 @@ TEST(Terminations, SayHowTheJointFitEnded) {
 
 /// A robot whose one true error is of that size, and a fit that begins there.
 void expect_fit_from_truth(Measured& s, const std::string& name, double error, const std::string& ran_away) {
-  s.robot.truth.errors.setZero();
-  s.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(s.model, name))] = error;
+  s.robot.truth.errors = testing::errors_of(s.model, {{name, error}});
   s.measured = testing::without_sigmas(s.measure(s.measured.joint_values));
   const Identification fit = identify_jointly(s.model, s.measured, s.robot.truth, irreducible(s));
   EXPECT_EQ(fit.termination, ran_away.empty() ? Termination::converged : Termination::diverged)

@@ -11,7 +11,6 @@
 #include <limits>
 #include <set>
 #include <string>
-#include <tuple>
 
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
@@ -24,7 +23,6 @@
 #include "model/reduction.hpp"
 #include "planning/simulation.hpp"
 #include "results/calibrated_urdf.hpp"
-#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 #include "virtual_experiment.hpp"
 
@@ -49,8 +47,7 @@ struct Found {
   Found() {
     calibration.model = complete_model(testing::fanuc());
     calibration.fit.identification.termination = Termination::converged;
-    calibration.fit.identification.estimate.errors =
-        Eigen::VectorXd::Zero(static_cast<Eigen::Index>(calibration.model.parameters.size()));
+    calibration.fit.identification.estimate.errors = testing::errors_of(calibration.model);
     calibration.accuracy.train = {.before = {.count = 9, .rms = 2e-3}, .after = {.count = 9, .rms = 1e-4}};
     calibration.uncertainty.predicted.measured.count = 3;
     calibration.noise.source = NoiseSource::parts;
@@ -273,8 +270,6 @@ TEST(DoubtsByHand, ReadingsAreDoubtsOrRemarks) {
   expect_doubts({{"readings", readings, {"length_unit: they are feet"}}});
   expect_warnings({{"readings", readings, {"they are copies"}}});
 }
-
-// ---- warnings ------------------------------------------------------------------------------------------------------
 
 TEST(WarningsByHand, WhatIsTiedIsNamedWhereNoPriorsToldItApart) {
   const auto tied = [](Found& f) { f.calibration.uncertainty.identifiability.tied = {{"dq2"}, {"Tx1", "Ry1"}}; };
@@ -564,8 +559,6 @@ TEST(DoubtsOfCalibrations, WhereOnlyTheEffectsHelpTheUrdfIsTheOneThatWasRead) {
   EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("the geometry is no better than the nominal robot")));
 }
 
-// ---- findings ------------------------------------------------------------------------------------------------------
-
 TEST(WarningsOfCalibrations, OfMoreThanTwentyThousandRowsComeFromDistancesAlone) {
   Series s(4, {.sigma = kNoise}, published_targets(4));
   s.measure_at(s.measured.joint_values, {.sigma = kNoise, .repeats = 200});
@@ -670,8 +663,6 @@ TEST(MistakesCampaign, TheWholeTableIsDoubtedOnTwoRobotsWithThreeSeeds) {
     }
   }
 }
-
-// ---- correct data --------------------------------------------------------------------------------------------------
 
 int false_alarms(std::uint64_t first, std::uint64_t last) {
   const std::set<std::string> never = {"joint_unit",       "joint_sign", "joint_columns",
@@ -821,8 +812,6 @@ TEST(MistakesLongRun, SlipsOfAMillimetreAreFoundInNinetyEightPercent) {
 TEST(MistakesLongRun, TypingErrorsOfHalfAMillimetreAreFoundInNinetyEightPercent) {
   EXPECT_GE(findings_of(200, QualityKind::mistyped_coordinate, mistype), kOfTwoHundred);
 }
-
-// ---- real arms -----------------------------------------------------------------------------------------------------
 
 struct RealSet {
   ErrorModel model;

@@ -14,7 +14,6 @@
 
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
-#include "kdl_calibration/noise_model.hpp"
 #include "measurements/same_poses.hpp"
 #include "mistake_table.hpp"
 

@@ -107,8 +107,6 @@ TEST(NewPoint, RestsOnOneDegreeOfFreedomAtLeast) {
   EXPECT_GT(radius, new_point(there, new_point_noise(noise)).radius_95);
 }
 
-// ---- the measured region -------------------------------------------------------------------------------------------
-
 // Configurations whose held-out points lie at these shares of their radius, one list for each.
 std::vector<HeldOutPoint> held_out(const std::vector<std::vector<double>>& ratios, const NoiseReport& noise) {
   std::vector<HeldOutPoint> result;

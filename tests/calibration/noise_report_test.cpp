@@ -22,7 +22,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
-using Eigen::VectorXd;
 using ::testing::HasSubstr;
 using testing::refusal;
 
@@ -86,8 +85,6 @@ void expect_close(const MatrixXd& got, const MatrixXd& wanted, const std::string
   EXPECT_GT(wanted.norm(), 0.0) << what;
   EXPECT_LT((got - wanted).norm(), 1e-9 * wanted.norm()) << what;
 }
-
-// ---- what is demanded ----------------------------------------------------------------------------------------------
 
 /// Repeats that vary along z by this share of what they do along x and y.
 Measurements repeated(double share) {
@@ -174,8 +171,6 @@ TEST(NoiseReport, AFitThatLeavesNoFreedomHasTheLeastScale) {
   f.free = Unknowns(f.model, f.targets, {"base.Tx", "base.Ty", "base.Tz"});
   EXPECT_EQ(sigma_of_residuals(f.fit_problem()), 1e-9);
 }
-
-// ---- of plain fits -------------------------------------------------------------------------------------------------
 
 TEST(NoiseReport, OfNothingStatedIsWhatResidualsAndRepeatsShow) {
   for (const int repeats : {1, 3}) {
@@ -295,8 +290,6 @@ TEST(NoiseReport, AsManyEquationsAsUnknownsLeaveNoNoise) {
   EXPECT_EQ(got.report.sigma, 0.0);
 }
 
-// ---- with parts ----------------------------------------------------------------------------------------------------
-
 TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
   Fitted f;
   const Index columns = f.free.size();
@@ -335,8 +328,6 @@ TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
   expect_close(f.assessed().covariance, promised * parts.scatter * promised, "by the scatter");
 }
 
-// ---- of robust fits ------------------------------------------------------------------------------------------------
-
 // How wide its intervals are is told by noise_parts_test.cpp, by Monte Carlo.
 TEST(NoiseReport, OfARobustFitIsThatOfTheRowsThatAreNotOutliers) {
   for (const double stated : {0.0, 0.5e-4, 2e-4}) {
@@ -357,8 +348,6 @@ TEST(NoiseReport, OfARobustFitIsThatOfTheRowsThatAreNotOutliers) {
     EXPECT_EQ(report.variance_factor > 1.0, stated == 0.5e-4) << stated;
   }
 }
-
-// ---- what follows of it --------------------------------------------------------------------------------------------
 
 TEST(NoiseReport, VarianceOfUnitWeightIsTheMeanOverWhatWasMeasured) {
   Random random(9);

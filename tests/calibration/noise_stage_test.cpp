@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -25,8 +24,6 @@ using Eigen::VectorXd;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// ---- uncertainty of printed values ---------------------------------------------------------------------------------
-
 // What a rotation vector changes by where the frame turns in its own axes (Solà et al. 2018, eq. 144).
 Matrix3d inverse_right_jacobian(const Vector3d& r) {
   Matrix3d S;
@@ -45,7 +42,7 @@ struct Printed {
   MatrixXd covariance;  // of the columns
 
   Printed(const Vector3d& of_base, const Vector3d& of_target, const std::vector<std::string>& names) {
-    estimate.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
+    estimate.errors = testing::errors_of(model);
     estimate.targets = testing::as_frames(published_targets(2));
     estimate.X_WB.linear() = testing::turned_by(of_base);
     estimate.targets[1].X_FT.linear() = testing::turned_by(of_target);
@@ -154,8 +151,6 @@ TEST(Uncertainties, RestOnTheFreedomOfThePartsThatTheyDependOn) {
   }
 }
 
-// ---- weights until the parts are estimated -------------------------------------------------------------------------
-
 Measurements of_repeats(int repeats, double sigma) {
   static const testing::VirtualExperiment arm;
   testing::VirtualExperiment experiment = arm;
@@ -201,8 +196,6 @@ TEST(NoiseOfMeans, HasNoMisfitWhereNoneIsToBeEstimated) {
     EXPECT_EQ(noise_of_means(measured, {.stated = {}, .estimated = estimated}, 1e-3).target_misfit > 0.0, estimated);
   }
 }
-
-// ---- weights by the estimated parts --------------------------------------------------------------------------------
 
 // What all targets of a repeat share, and what no geometry explains: joint 3 is off by this [rad] times sin(2 q3).
 struct Noisy : testing::VirtualExperiment {

@@ -44,8 +44,7 @@ struct Answer {
 
   explicit Answer(const std::vector<std::string>& free) {
     model.effects = gain_terms(model);
-    start = {.errors = Eigen::VectorXd::Zero(static_cast<Index>(model.parameters.size())),
-             .targets = a_point_and_a_frame()};
+    start = {.errors = testing::errors_of(model), .targets = a_point_and_a_frame()};
     start.X_WB.linear() = testing::turned_by({0.1, 0.2, -0.4});
     start.X_WB.translation() = Eigen::Vector3d(1.0, 2.0, 3.0);
     Estimate& estimate = fit.identification.estimate;

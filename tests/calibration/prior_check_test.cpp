@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -18,17 +17,9 @@ CalibrationResult with_errors(double length, double second_length, double angle)
   CalibrationResult found;
   found.model = complete_model(testing::fanuc());
   found.fit.identification.estimate.errors =
-      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(found.model.parameters.size()));
+      testing::errors_of(found.model, {{"Tx1", length}, {"Ty1", second_length}, {"Rz2", angle}});
   found.fit.identification.estimate.targets = published_targets();
   found.fit.free = Unknowns(found.model, published_targets(), {"base.Tx", "Tx1", "Ty1", "Rz2"});
-  const auto set = [&](const std::string& name, double error) {
-    const auto p = std::find_if(found.model.parameters.begin(), found.model.parameters.end(),
-                                [&](const ErrorParameter& parameter) { return parameter.name == name; });
-    found.fit.identification.estimate.errors[p - found.model.parameters.begin()] = error;
-  };
-  set("Tx1", length);
-  set("Ty1", second_length);
-  set("Rz2", angle);
   found.fit.identification.estimate.X_WB.translation().x() = 5.0;
   found.selection.priors = {.length = 1e-3, .angle = 2e-3};
   found.uncertainty.covariance = Eigen::MatrixXd::Zero(4, 4);

@@ -216,8 +216,6 @@ TEST(ValidationStage, NestedIsLeaveOneOutAndNestedWhereThereIsAChoice) {
   EXPECT_EQ(told.back(), 1616U);
 }
 
-// ---- what is held out ----------------------------------------------------------------------------------------------
-
 /// The R-2000iC/165F with errors of a millimetre and a milliradian in 25 configurations.
 struct Series : testing::VirtualExperiment {
   Measurements measured;
@@ -253,16 +251,6 @@ TEST(HeldOut, IsLeaveOneOutAndTenFoldsOfMany) {
     EXPECT_EQ(found.uncertainty.influence.configurations.size(), singly ? static_cast<std::size_t>(count) : 0U)
         << "one by one";
   }
-}
-
-TEST(HeldOut, IsKFoldAloneWhereThatIsAskedFor) {
-  const CalibrationResult found = Series().calibrated({.validation = {.k_fold = 5}});
-  EXPECT_FALSE(found.accuracy.leave_one_out);
-  ASSERT_TRUE(found.accuracy.k_fold);
-  EXPECT_EQ(found.accuracy.folds, 5);
-  EXPECT_EQ(found.accuracy.k_fold->before.count, 75);
-  EXPECT_EQ(found.accuracy.held_out(), &*found.accuracy.k_fold);
-  EXPECT_EQ(Series().calibrated({.validation = {.held_out = false}}).accuracy.held_out(), nullptr);
 }
 
 // Nine points determine 27 parameters and leave nothing to tell whether they are right.
@@ -324,7 +312,6 @@ struct InDoubt : testing::VirtualExperiment {
 // The mean over the repeats of each target of a configuration, against the prediction from KDL's solver.
 std::vector<double> distances_to_means(const InDoubt& arm, const Estimate& estimate, Index configuration) {
   const KDL::Chain chain = error_chain(arm.model, estimate.errors);
-  const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, arm.measured.joint_values.col(configuration)));
   std::vector<double> distances;
   for (std::size_t k = 0; k < arm.measured.targets.size(); ++k) {
     Vector3d sum = Vector3d::Zero();
@@ -336,7 +323,8 @@ std::vector<double> distances_to_means(const InDoubt& arm, const Estimate& estim
       }
     }
     if (count > 0.0) {
-      distances.push_back((sum / count - estimate.X_WB * (X_BF * estimate.targets[k].X_FT.translation())).norm());
+      const Eigen::VectorXd q = arm.measured.joint_values.col(configuration);
+      distances.push_back((sum / count - testing::kdl_point(chain, estimate, q, k)).norm());
     }
   }
   return distances;

@@ -12,6 +12,7 @@
 #include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::testing::cell_options_test {
 namespace {
@@ -24,19 +25,6 @@ using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-/// The controller of kOddArm: signs, couplings, a factor, offsets, and the slide in front.
-constexpr const char* kCoupled = R"({"controller_joints": ["S", "A1", "A2", "A3", "A4"],
-  "urdf_joints": ["turn", "slide", "skew", "elbow", "wrist"],
-  "matrix": [[0,1,0,0,0], [-1,0,0,0,0], [0,-0.5,1,0,0], [0,0,1,-1,0], [0,0,0,0,2]],
-  "offset": [0.1, 0.05, -0.2, 0.3, -0.4]})";
-
-/// kOddArm whose wrist follows the elbow.
-std::string arm_with_a_follower() {
-  std::string urdf = kOddArm;
-  const std::size_t wrist = urdf.find("<joint name=\"wrist\"");
-  return urdf.insert(urdf.find("</joint>", wrist), R"(<mimic joint="elbow" multiplier="-0.5" offset="0.1"/>)");
-}
 
 /// Two joints of which one has a name that begins as the other's.
 constexpr const char* kNamesakes = R"(<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
@@ -113,7 +101,7 @@ TEST(CellOptions, JointRangesAreOfTheUrdfsJointsAndTheirSums) {
 
 TEST(CellOptions, JointRangesAreOfTheControllersJointsBehindAConvention) {
   const Robot robot = parse_robot(kOddArm);
-  const JointConvention convention = matched_convention(parse_joint_convention(kCoupled), joint_names(robot));
+  const JointConvention convention = matched_convention(parse_joint_convention(kOddArmCoupled), joint_names(robot));
   for (const RangeCase& range : std::vector<RangeCase>{
            {"S=-100:250", [](auto&, auto&c) { return mm(c[0]); }, -100.0, 250.0},
            {"A1=-20:70", [](auto&, auto&c) { return deg(c[1]); }, -20.0, 70.0},
@@ -129,7 +117,8 @@ TEST(CellOptions, JointRangesAreOfTheControllersJointsBehindAConvention) {
 }
 
 TEST(CellOptions, AFollowersRangeIsThatOfItsLeader) {
-  const Robot robot = parse_robot(arm_with_a_follower());
+  const Robot robot =
+      parse_robot(urdf::with_mimic(kOddArm, "wrist", R"(joint="elbow" multiplier="-0.5" offset="0.1")"));
   expect_means({"wrist=-20:30", [](auto& q, auto&) { return deg(q[4]); }, -20.0, 30.0}, robot, nullptr);
   expect_means({"elbow-wrist=-20:60", [](auto& q, auto&) { return deg(q[3] - q[4]); }, -20.0, 60.0}, robot, nullptr);
   const JointConvention convention{.name = "c",
@@ -163,22 +152,16 @@ TEST(CellOptions, RangesThatAreNoneAreRefusedWithWhatWasExpected) {
   const std::string range = "NAME=lower:upper in degrees (mm for lengths), NAME a joint or a sum such as turn+wrist";
   const std::string sum = "a sum of angles or of lengths";
   const std::string open = "a range that the joint's limits and the other ranges leave open";
-  for (const auto& [text, expected] : std::vector<std::pair<std::string, std::string>>{{"turn", range},
-                                                                                       {"=1:2", range},
-                                                                                       {"turn=1", range},
-                                                                                       {"turn=a:2", range},
-                                                                                       {"turn=1:b", range},
-                                                                                       {"turn=2:1", range},
-                                                                                       {"turn=nan:1", range},
-                                                                                       {"turns=1:2", range},
-                                                                                       {"turn+=1:2", range},
-                                                                                       {"turnelbow=1:2", range},
-                                                                                       {"turn*elbow=1:2", range},
-                                                                                       {"turn+slide=1:2", sum},
-                                                                                       {"turn-turn=1:2", sum},
-                                                                                       {"elbow=120:130", open}}) {
-    EXPECT_EQ(refusal([&, given = text] { cell_of({.joint_ranges = {given}}, robot); }),
-              "--joint-range: '" + text + "' is out of place, expected " + expected);
+  const std::map<std::string, Words> refused = {
+      {range, words_of("turn =1:2 turn=1 turn=a:2 turn=1:b turn=2:1 turn=nan:1 turns=1:2 turn+=1:2 turnelbow=1:2 "
+                       "turn*elbow=1:2")},
+      {sum, {"turn+slide=1:2", "turn-turn=1:2"}},
+      {open, {"elbow=120:130"}}};
+  for (const auto& [expected, texts] : refused) {
+    for (const std::string& text : texts) {
+      EXPECT_EQ(refusal([&] { cell_of({.joint_ranges = {text}}, robot); }),
+                "--joint-range: '" + text + "' is out of place, expected " + expected);
+    }
   }
   EXPECT_EQ(refusal([&] {
               cell_of({.joint_ranges = {"turn=0:10", "turn=11:20"}}, robot);

@@ -4,6 +4,7 @@
 
 #include "base/sha256.hpp"
 #include "cli_options_support.hpp"
+#include "json_support.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::compensate_program_test {
@@ -35,8 +36,6 @@ protected:
     });
     write("IN.LS", program("UF : 0, UT : 0", Vector3d(1500, 0, 360)));
   }
-
-  Vector3d vector(const Json& list) { return Vector3d(list.at(0), list.at(1), list.at(2)); }
 };
 
 TEST_F(ProgramFiles, KeepEverythingButTheNumbersBesideARecord) {
@@ -103,7 +102,7 @@ TEST_F(ProgramFiles, TakeTheTargetsOfTheCalibrationAsTools) {
   const Eigen::Matrix3d R =
       (Eigen::AngleAxisd(-45.0 * kDegree, Vector3d::UnitY()) * Eigen::AngleAxisd(135.0 * kDegree, Vector3d::UnitX()))
           .toRotationMatrix();
-  write("IN.LS", program("UF : 0, UT : 5", Vector3d(1500, 0, 360) + 1e3 * R * vector(tools["5"]["position"])));
+  write("IN.LS", program("UF : 0, UT : 5", Vector3d(1500, 0, 360) + 1e3 * R * vector_of(tools["5"]["position"])));
   const Outcome of_tool = run(kCompensate + Words{"--force", "--frames", "f.json"});
   ASSERT_EQ(of_tool.status, 0) << of_tool.err;
   EXPECT_EQ(of_tool.err.find("f.json"), std::string::npos);
@@ -133,8 +132,8 @@ TEST_F(ProgramFiles, TakeFramesThatWereTouched) {
   ASSERT_EQ(outcome.status, 1) << outcome.err;  // arbitrary places are not touches of one point
   EXPECT_THAT(outcome.out, AllOf(HasSubstr("UFRAME[3] W P R [deg]"), HasSubstr("UTOOL[2] X Y Z [mm]")));
   const Json json = json_of("f.json");
-  const Vector3d base = vector(json["user"]["position"]);
-  const Vector3d world = vector(json["user_frames"]["3"]["position"]);
+  const Vector3d base = vector_of(json["user"]["position"]);
+  const Vector3d world = vector_of(json["user_frames"]["3"]["position"]);
   EXPECT_LT((world - Vector3d(base.y(), -base.x(), base.z() - 0.67)).norm(), 1e-12);
   for (std::size_t i = 0; i < 6; ++i) {
     const std::size_t of_base = i < 3 ? (i == 2 ? 2 : 1 - i) : (i == 5 ? 5 : 7 - i);

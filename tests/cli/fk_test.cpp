@@ -1,7 +1,6 @@
 // kdlcal model, fk and jacobian: each option changes what it should and nothing else (see cli_options_support.hpp), and
 // what they print.
 
-#include <Eigen/Geometry>
 #include <array>
 #include <cmath>
 #include <kdl/chainfksolverpos_recursive.hpp>
@@ -9,10 +8,11 @@
 #include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
+#include "json_support.hpp"
 #include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
-#include "model/parameters.hpp"
 #include "printed_text.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::testing::fk_test {
 namespace {
@@ -20,8 +20,6 @@ namespace {
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;
-
-// ---- model ---------------------------------------------------------------------------------------------------------
 
 std::vector<OptionCase> model_options() {
   const auto rank = [](int without, int with) {
@@ -84,8 +82,6 @@ INSTANTIATE_TEST_SUITE_P(Options, ModelOption, ::testing::ValuesIn(model_options
 
 TEST_F(OptionsOfKdlcal, OfModelAreAllTested) { expect_a_test_of_every_option("model", model_options()); }
 
-// ---- fk and jacobian -----------------------------------------------------------------------------------------------
-
 /// kOddArm on a plinth, so that its base and its tip can be moved along fixed joints.
 std::string arm_on_a_plinth() {
   std::string text = kOddArm;
@@ -98,24 +94,13 @@ const Words kAtJoints = {"--urdf", "plinth.urdf", "--joints", "0.3,-0.2,0.5,1,-1
 
 Eigen::VectorXd at(const std::array<double, 5>& q) { return Eigen::Map<const Eigen::Matrix<double, 5, 1>>(q.data()); }
 
-/// q = M c + o with couplings, signs, offsets, and the slide in front.
-constexpr const char* kCoupled = R"({"controller_joints": ["S", "A1", "A2", "A3", "A4"],
-  "urdf_joints": ["turn", "slide", "skew", "elbow", "wrist"],
-  "matrix": [[0,1,0,0,0], [-1,0,0,0,0], [0,-0.5,1,0,0], [0,0,1,-1,0], [0,0,0,0,2]],
-  "offset": [0.1, 0.05, -0.2, 0.3, -0.4]})";
-
 /// A result as far as fk and jacobian read it.
 constexpr const char* kResult = R"({"parameters": [{"name": "base.Tx", "error": 9}, {"name": "dq2", "error": 0.01},
   {"name": "Tz3", "error": 0.002}]})";
 
 KDL::Chain arm(const std::string& base, const std::string& tip, bool calibrated) {
   const ErrorModel model = complete_model(parse_robot(arm_on_a_plinth(), {.base = base, .tip = tip}));
-  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  if (calibrated) {
-    errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.01;
-    errors[static_cast<Eigen::Index>(parameter_index(model, "Tz3"))] = 0.002;
-  }
-  return folded_chain(model, errors);
+  return folded_chain(model, calibrated ? errors_of(model, {{"dq2", 0.01}, {"Tz3", 0.002}}) : errors_of(model));
 }
 
 /// The answer of fk or jacobian is that of this chain, by KDL and by central differences.
@@ -125,10 +110,7 @@ Check is_at(const KDL::Chain& chain, const Eigen::VectorXd& q) {
     EXPECT_TRUE(effect.with.files.empty());
     EXPECT_NE(effect.with.json, effect.without.json);
     if (effect.with.json.contains("frames")) {
-      const Json& tip = effect.with.json["frames"].back();
-      const Json& p = tip["position"];
-      const Json& w = tip["quaternion_wxyz"];
-      const KDL::Frame found(KDL::Rotation::Quaternion(w[1], w[2], w[3], w[0]), KDL::Vector(p[0], p[1], p[2]));
+      const KDL::Frame found = to_kdl(placed_as(effect.with.json["frames"].back()));
       EXPECT_LT(difference(found, kdl_pose(chain, q)), 1e-12) << effect.with.outcome.out;
       return;
     }
@@ -154,8 +136,7 @@ std::vector<OptionCase> arm_options() {
   const Words controller = {"--urdf", "plinth.urdf", "--joints", "0.2,0.3,0.5,1,-0.5"};
   const Words controller_degrees = {"--urdf", "plinth.urdf", "--joints", "0.2,30,50,60,-30", "--degrees"};
   const ErrorModel fanuc_model = complete_model(fanuc());
-  Eigen::VectorXd longer = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(fanuc_model.parameters.size()));
-  longer[static_cast<Eigen::Index>(parameter_index(fanuc_model, "Tz2"))] = 0.1;
+  const Eigen::VectorXd longer = errors_of(fanuc_model, {{"Tz2", 0.1}});
   const Eigen::VectorXd six = Eigen::Matrix<double, 6, 1>(0.3, -0.2, 0.5, 1.0, -1.0, 2.0);
   return {
       {"UrdfIsTheRobot",
@@ -215,7 +196,7 @@ protected:
   void check(const std::string& subcommand) {
     write("plinth.urdf", arm_on_a_plinth());
     write("plinth_dh.json", dh_of(parse_robot(arm_on_a_plinth())));
-    write("coupled.json", kCoupled);
+    write("coupled.json", kOddArmCoupled);
     write("r.json", kResult);
     std::string text = content(kFanuc);
     const std::size_t length = text.rfind("0 0 1.075");  // of joint 3's origin
@@ -234,8 +215,6 @@ INSTANTIATE_TEST_SUITE_P(Options, FkOption, ::testing::ValuesIn(fk_options()), b
 
 TEST_P(JacobianOption, HasItsEffectAndNoOther) { check("jacobian"); }
 INSTANTIATE_TEST_SUITE_P(Options, JacobianOption, ::testing::ValuesIn(arm_options()), behaviour_of);
-
-// ---- jacobian --identification -------------------------------------------------------------------------------------
 
 long count_lines(const std::string& text) { return std::count(text.begin(), text.end(), '\n'); }
 
@@ -304,13 +283,8 @@ INSTANTIATE_TEST_SUITE_P(Options, IdentificationOption, ::testing::ValuesIn(iden
 
 TEST_F(OptionsOfKdlcal, OfFkAndJacobianAreAllTested) {
   expect_a_test_of_every_option("fk", fk_options());
-  std::vector<OptionCase> rows = arm_options();
-  const std::vector<OptionCase> more = identification_options();
-  rows.insert(rows.end(), more.begin(), more.end());
-  expect_a_test_of_every_option("jacobian", rows);
+  expect_a_test_of_every_option("jacobian", arm_options() + identification_options());
 }
-
-// ---- tables --------------------------------------------------------------------------------------------------------
 
 TEST_F(OptionsOfKdlcal, ModelListsWhatIsKeptTheGaugeAndWhatReplacesTheRest) {
   const std::vector<std::string> lines = testing::lines_of(run({"model"}).out);
@@ -340,13 +314,8 @@ TEST_F(OptionsOfKdlcal, ModelSaysWhatMeasurementsFromSeveralPlacesDetermine) {
 }
 
 TEST_F(OptionsOfKdlcal, ModelNamesTheJointsThatFollowOthers) {
-  std::string urdf = kOddArm;
-  for (const auto& [joint, mimic] :
-       {std::pair<std::string, std::string>{"skew", R"(joint="turn")"},
-        std::pair<std::string, std::string>{"wrist", R"(joint="elbow" multiplier="-0.5" offset="0.25")"}}) {
-    urdf.insert(urdf.find("</joint>", urdf.find("<joint name=\"" + joint)), "<mimic " + mimic + "/>");
-  }
-  write("odd.urdf", urdf);
+  write("odd.urdf", urdf::with_mimic(urdf::with_mimic(kOddArm, "skew", R"(joint="turn")"), "wrist",
+                                     R"(joint="elbow" multiplier="-0.5" offset="0.25")"));
   EXPECT_EQ(lines_of(run({"model", "--urdf", "odd.urdf"}).out).at(0),
             "odd: world to tool, 5 joints (skew = 1.0 turn + 0.0, wrist = -0.5 elbow + 0.25), 3 measured points on the "
             "tool");

@@ -6,6 +6,7 @@
 
 #include "cli/measurement_options.hpp"
 #include "cli_support.hpp"
+#include "json_support.hpp"
 #include "model/parameters.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
@@ -29,10 +30,7 @@ TEST(FramesInFiles, GoIntoJsonAndBack) {
     const Json json = cli::frame_json(X);
     EXPECT_GE(json["quaternion_wxyz"][0], 0.0);
     EXPECT_EQ(json["position"], (Json{X.translation().x(), X.translation().y(), X.translation().z()}));
-    const KDL::Frame kdl(KDL::Rotation::Quaternion(json["quaternion_wxyz"][1], json["quaternion_wxyz"][2],
-                                                   json["quaternion_wxyz"][3], json["quaternion_wxyz"][0]),
-                         KDL::Vector(json["position"][0], json["position"][1], json["position"][2]));
-    EXPECT_LT(difference(kdl, to_kdl(X)), 1e-14);
+    EXPECT_LT(difference(to_kdl(placed_as(json)), to_kdl(X)), 1e-14);
     for (const Json& base : {json, Json{{"base", json}, {"position", "of something else"}}}) {
       EXPECT_TRUE(cli::base_of(base, "b.json").isApprox(X, 1e-14));
     }
@@ -108,10 +106,7 @@ TEST(FramesInFiles, RangesOfATruthAreThoseOfItsJoints) {
               HasSubstr("t.json: joint_ranges[0]: expected lower <= upper"));
 }
 
-class KnownFramesInFiles : public CommandLine {
-protected:
-  std::string path(const std::string& name) const { return (directory / name).string(); }
-};
+using KnownFramesInFiles = CommandLine;
 
 TEST_F(KnownFramesInFiles, AreTheBaseAndWhatWasMeasured) {
   write("b.json", R"({"position": [1, 2, 3], "quaternion_wxyz": [0.6, 0, 0.8, 0]})");

@@ -1,9 +1,6 @@
 // Joint conventions with offsets, couplings and factors, and columns in another order: every subcommand does with a
 // controller's values what it does with the URDF's values, converted here by hand.
 
-#include <Eigen/LU>
-#include <charconv>
-
 #include "cli_options_support.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "planning/measuring_plan.hpp"
@@ -84,8 +81,6 @@ TEST_F(Conventions, FitWhatTheUrdfsValuesGive) {
   }
 }
 
-// ---- plan ----------------------------------------------------------------------------------------------------------
-
 const Words kSmallPlan = {"plan", "--configurations", "10", "--candidates", "60", "--workspace", "20", "--starts", "1"};
 
 class PlannedConventions : public Conventions {
@@ -125,8 +120,6 @@ TEST_F(PlannedConventions, FilesAreTheControllers) {
                    {"--tasks", "tasks.csv", "--measured", "m.csv", "--target-file", "t.json"});
 }
 
-// ---- A slide -------------------------------------------------------------------------------------------------------
-
 /// The controller counts the slide first, in the other direction, and from another place.
 constexpr const char* kSlideFirst = R"({"controller_joints": ["S", "K", "T", "E", "W"],
   "urdf_joints": ["turn", "slide", "skew", "elbow", "wrist"],
@@ -151,8 +144,6 @@ TEST_F(SlideConventions, HomeOfASlideIsInMillimetresWhereverTheControllerCountsI
                    {"--urdf", "odd.urdf", "--home", "30,250,10,20,-20"});
 }
 
-// ---- Names that both sides use -------------------------------------------------------------------------------------
-
 TEST_F(PlannedConventions, NamesThatBothSidesUseAreTheControllers) {
   write("coupled.json", R"({"controller_joints": ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"],
     "urdf_joints": ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"],
@@ -161,8 +152,6 @@ TEST_F(PlannedConventions, NamesThatBothSidesUseAreTheControllers) {
   expect_same_plan({"--joint-range", "joint_1=-20:40"},
                    {"--joint-range", range("joint_1", -40.0 + kTenth, 20.0 + kTenth)});
 }
-
-// ---- A wrong one ---------------------------------------------------------------------------------------------------
 
 }  // namespace
 }  // namespace kdl_calibration::testing::kdlcal_conventions_test

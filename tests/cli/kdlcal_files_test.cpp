@@ -1,8 +1,5 @@
 // What kdlcal never does to a file that it reads, and what it leaves where its output has nowhere to go.
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <filesystem>
 
 #include "base/sha256.hpp"
@@ -10,6 +7,7 @@
 #include "cli_support.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "mistakes_support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::testing::kdlcal_files_test {
 namespace {
@@ -58,9 +56,8 @@ TEST_F(Files, NoSubcommandOverwritesItsInputs) {
 
 TEST_F(Files, NothingIsWrittenWhereStandardOutputIsFull) {
   const auto before = files();
-  for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
-           {"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--result", "r.json"},
-           {"simulate", "--output", "s.csv", "--truth", "t.json"}}) {
+  for (const Words& command : {words_of("calibrate --measurements m.csv --output c.urdf --result r.json"),
+                               words_of("simulate --output s.csv --truth t.json"), Words{"model"}}) {
     const Outcome outcome = run(command, {.out = "/dev/full"});
     EXPECT_EQ(outcome.status, 2) << outcome.err;
     EXPECT_THAT(outcome.err, HasSubstr("standard output cannot be written"));
@@ -109,14 +106,9 @@ TEST_F(Files, AMebibyteOfStackSufficesAndLessIsRefused) {
   }
   expect_refused({"model"}, {"kdlcal: the stack is limited to 1023 KiB, expected at least 1024 KiB: ulimit -s 1024"},
                  {.stack = 1023 << 10U});
-  std::string joints;  // as many as a URDF may have, one above the other
-  for (int i = 0; i < 2'000; ++i) {
-    const std::string above = "'l" + std::to_string(i) + "'";
-    joints += "<link name=" + above + "/><joint name='j" + std::to_string(i) + "' type='" +
-              (i < 6 ? "continuous" : "fixed") + "'><parent link=" + above + "/><child link='l" +
-              std::to_string(i + 1) + "'/></joint>";
-  }
-  write("deep.urdf", "<robot name='r'>" + joints + "<link name='l2000'/></robot>");
+  std::vector<urdf::Part> joints(2'000, {"fixed", ""});  // as many as a URDF may have
+  std::fill_n(joints.begin(), 6, urdf::Part{"continuous", ""});
+  write("deep.urdf", urdf::serial(joints));
   const Surroundings small{.stack = 1 << 20U};
   for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
            {"fk", "--joints", "0,0,0,0,0,0"},
@@ -200,8 +192,6 @@ TEST_F(Files, NamesThatAreNotUtf8AreOpenedAsTheyStandAndShownEscaped) {
     }
   }
 }
-
-// ---- judgement -----------------------------------------------------------------------------------------------------
 
 TEST_F(Files, ValidateNeedsMoreCoordinatesThanBaseAndTargetsTake) {
   write("one.csv", measurements_csv(subset(kMeasured.data, [](const Observation& o) { return o.configuration == 0; })));

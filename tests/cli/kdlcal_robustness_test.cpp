@@ -1,7 +1,5 @@
 // Interrupted, full, hostile: what kdlcal answers, and what it leaves behind.
 
-#include <sys/resource.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 
 #include <array>
@@ -13,6 +11,7 @@
 
 #include "base/random.hpp"
 #include "cli_support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::testing::kdlcal_robustness_test {
 namespace {
@@ -21,8 +20,6 @@ using ::testing::HasSubstr;
 using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
-// ---- Signals -------------------------------------------------------------------------------------------------------
 
 class Signals : public CommandLine {
 protected:
@@ -38,12 +35,8 @@ protected:
     RecordProperty("seconds", std::to_string(seconds_since(start)));
     EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == signal) << "a shell shows 128 + the signal";
     EXPECT_TRUE(files() == before) << ::testing::PrintToString(arguments) << " left something behind";
-    EXPECT_LT(seconds_since(start), 1.0 + 10.0 * kSlack);
+    EXPECT_LT(seconds_since(start), 11.0);  // of a machine that has other work
   }
-
-private:
-  // Of a machine that has other work.
-  static constexpr double kSlack = 1.0;
 };
 
 TEST_F(Signals, EndAnyLongWorkAndLeaveNothing) {
@@ -117,30 +110,8 @@ TEST_F(Signals, KilledAtAnyMomentEachFileIsTheOldOrTheNewOne) {
   EXPECT_GT(replaced, 0);
 }
 
-// ---- Files that cannot be written ----------------------------------------------------------------------------------
-
-// ---- Limits --------------------------------------------------------------------------------------------------------
-
 class Limits : public CommandLine {
 protected:
-  /// A file of so many bytes that takes no room on the disk; false where the file system has none such.
-  bool sparse(const std::string& name, std::uintmax_t size) {
-    write(name, "");
-    std::error_code error;
-    std::filesystem::resize_file(directory / name, size, error);
-    return !error;
-  }
-
-  static std::string chain(int joints, const std::string& type) {
-    std::string text = "<robot name='r'><link name='l0'/>";
-    for (int i = 1; i <= joints; ++i) {
-      const std::string n = std::to_string(i);
-      text += "<link name='l" + n + "'/><joint name='j" + n + "' type='" + type + "'><parent link='l" +
-              std::to_string(i - 1) + "'/><child link='l" + n + "'/></joint>";
-    }
-    return text + "</robot>";
-  }
-
   /// What calibrate with these options needs more of three times the points.
   void expect_memory_that_grows_with_the_data(int configurations, const std::vector<std::string>& options) {
     if (kSanitized) {
@@ -178,7 +149,7 @@ TEST_F(LimitsLongRun, MemoryGrowsWithTheDataAloneBesideAutomaticChoices) {
 
 // Of smaller files see options_test.cpp.
 TEST_F(Limits, OfFilesOfMeasurementsAre16GiB) {
-  if (!sparse("huge", 17 * (std::uintmax_t{1} << 30U))) {
+  if (!write_sparse("huge", 17 * (std::uintmax_t{1} << 30U))) {
     GTEST_SKIP() << "no room for a sparse file";
   }
   for (const std::vector<std::string>& command : {std::vector<std::string>{"validate", "--measurements", "huge"},
@@ -201,11 +172,9 @@ TEST_F(Limits, OfWhatAFileHoldsAreStated) {
   expect_refused({"fk", "--joints", "0", "--joint-convention", "deep.json"}, {"deep.json", "deeper", "100"});
   expect_refused({"simulate", "--target-file", "deep.json"}, {"deep.json", "deeper", "100"});
 
-  write("long.urdf", chain(101, "continuous"));
+  write("long.urdf", urdf::serial(std::vector<urdf::Part>(101, {"continuous", ""})));
   expect_refused({"model", "--urdf", "long.urdf"}, {"long.urdf", "101 moving joints", "at most 100"});
 }
-
-// ---- Options -------------------------------------------------------------------------------------------------------
 
 TEST_F(Limits, OptionsOfCalibrateThatContradictEachOther) {
   succeed({"simulate", "--configurations", "12", "--noise", "1e-5", "--output", "m.csv"});
@@ -248,8 +217,6 @@ TEST_F(Limits, OptionsOfCalibrateThatContradictEachOther) {
   refused({"--prior", "0.1"}, {"'0.1'", "auto"});
 }
 
-// ---- Legal, but extreme --------------------------------------------------------------------------------------------
-
 class Traps : public CommandLine {
 protected:
   /// Calibrates m.csv: an answer, trusted or marked, with no number that is none.
@@ -285,16 +252,12 @@ protected:
 
   /// An arm of four joints whose lengths are about this large.
   static std::string arm(const std::string& length) {
-    std::string text = "<robot name='r'><link name='l0'/>";
-    const std::vector<std::string> axes = {"0 0 1", "1 0 0", "1 0 0", "0 1 0"};
-    for (std::size_t i = 1; i <= 4; ++i) {
-      const std::string n = std::to_string(i);
-      text += "<link name='l" + n + "'/><joint name='j" + n + "' type='continuous'><parent link='l" +
-              std::to_string(i - 1) + "'/><child link='l" + n + "'/><axis xyz='" + axes[i - 1] + "'/><origin xyz='0 " +
-              length + " " + length + "'/></joint>";
+    std::vector<urdf::Part> parts;
+    for (const std::string axis : {"0 0 1", "1 0 0", "1 0 0", "0 1 0"}) {
+      parts.push_back({"continuous", "<axis xyz='" + axis + "'/><origin xyz='0 " + length + " " + length + "'/>"});
     }
-    return text +
-           "<link name='tip'/><joint name='t' type='fixed'><parent link='l4'/><child link='tip'/></joint></robot>";
+    parts.push_back({"fixed", ""});
+    return urdf::serial(parts);
   }
 
   nlohmann::json last;

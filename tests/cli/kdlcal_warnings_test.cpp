@@ -1,13 +1,10 @@
 // Standard error and exit status of each subcommand that can doubt: all lines of each case are expected, so that each
 // warning appears in its own case and in no other.
 
-#include <algorithm>
 #include <functional>
 #include <numbers>
-#include <regex>
 
-#include "cli_support.hpp"
-#include "kdl_calibration/joint_convention.hpp"
+#include "cli_options_support.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "planning/simulation.hpp"
 #include "printed_text.hpp"
@@ -29,13 +26,6 @@ class CommandLineWarnings : public CommandLine {
 protected:
   Measurements at(const Eigen::MatrixXd& q, const MeasuringNoise& noise = {.sigma = 3e-5}) {
     return without_sigmas(experiment.measure(q, noise));
-  }
-
-  /// With the joint values that a controller of this convention shows, under its names J1 to J6.
-  std::string controller_csv(Measurements measurements, const std::string& convention) const {
-    const JointConvention shown = matched_convention(read_joint_convention(convention), measurements.joints);
-    measurements.joint_values = shown.matrix.inverse() * measurements.joint_values;
-    return std::regex_replace(measurements_csv(measurements), std::regex("joint_([1-6])\\[rad\\]"), "J$1[rad]");
   }
 
   /// Extended regular expressions of what follows "kdlcal: not to be trusted: ", then of what follows
@@ -61,8 +51,6 @@ protected:
   Measurements measured = at(experiment.configurations(20));
 };
 
-// ---- calibrate -----------------------------------------------------------------------------------------------------
-
 const std::string kFileDoesNotSaySo =
     R"(c\.urdf comes from an answer that is not to be trusted; the file itself does not say so)";
 const std::string kHint =
@@ -72,7 +60,7 @@ const std::string kHint =
 TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
   write("m.csv", measurements_csv(measured));
   expect({"calibrate", "--measurements", "m.csv", "--output", "c.urdf", "--leave-one-out"}, 0, {});
-  write("serial.csv", controller_csv(measured, kSerial));
+  write("serial.csv", in_controller_joints(measured, content(kSerial)));
   const Outcome outcome = expect({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial}, 0, {});
   EXPECT_THAT(outcome.out, ::testing::HasSubstr("joint zero offsets, for mastering: add to the displayed values"));
 }
@@ -80,12 +68,9 @@ TEST_F(CommandLineWarnings, CalibrateIsSilentAboutCleanData) {
 // By hand: q2 = -J2, q3 = J3 + J2, q4 = -J4, q5 = J5.
 TEST_F(CommandLineWarnings, OffsetsForMasteringAreThoseOfTheControllersJoints) {
   const auto calibrated = [&](const Eigen::MatrixXd& q, const Arguments& more) {
-    write("pendant.csv", controller_csv(at(q), kPendant));
-    Arguments words =
-        Words{"calibrate", "--measurements", "pendant.csv", "--joint-convention", kPendant, "--json", "--effects",
-              "none",      "--prior",        "none"} +
-        more;
-    return nlohmann::json::parse(run(words).out);
+    write("pendant.csv", in_controller_joints(at(q), content(kPendant)));
+    const Words command = words_of("calibrate --measurements pendant.csv --json --effects none --prior none");
+    return nlohmann::json::parse(run(command + Words{"--joint-convention", kPendant} + more).out);
   };
   Eigen::VectorXd& errors = experiment.robot.truth.errors;
   errors.setZero();
@@ -133,7 +118,7 @@ TEST_F(CommandLineWarnings, CalibrateTrustsWhereItWasMeasuredAndNamesWhatIsNotDe
 }
 
 TEST_F(CommandLineWarnings, CalibrateNamesTheConventionThatFits) {
-  write("serial.csv", controller_csv(measured, kSerial));
+  write("serial.csv", in_controller_joints(measured, content(kSerial)));
   const Outcome outcome = run({"calibrate", "--measurements", "serial.csv", "--joint-convention", kPendant, "--output",
                                "c.urdf", "--result", "r.json"});
   EXPECT_EQ(outcome.status, 1) << outcome.err;
@@ -183,7 +168,7 @@ TEST_F(CommandLineWarnings, CalibrateNamesTheOptionThatReadsJointValuesInAnother
 TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToBlame) {
   Eigen::MatrixXd q = measured.joint_values;
   q.row(3).setConstant(0.6);
-  write("serial.csv", controller_csv(at(q), kSerial));
+  write("serial.csv", in_controller_joints(at(q), content(kSerial)));
   const Outcome outcome = run({"calibrate", "--measurements", "serial.csv", "--joint-convention", kSerial});
   EXPECT_EQ(outcome.status, 0);
   EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("the input was used as read")));
@@ -204,12 +189,10 @@ TEST_F(CommandLineWarnings, CalibrateDoubtsARowThatSpoilsTheFitAndTellsHowToLeav
   EXPECT_THAT(unknown.err, ::testing::HasSubstr("m.csv: '14:Z' cannot be left out"));
 }
 
-// ---- validate ------------------------------------------------------------------------------------------------------
-
 TEST_F(CommandLineWarnings, ValidateIsSilentAboutTheNominalRobot) {
   write("m.csv", measurements_csv(measured));
   expect({"validate", "--measurements", "m.csv"}, 0, {});
-  write("serial.csv", controller_csv(measured, kSerial));
+  write("serial.csv", in_controller_joints(measured, content(kSerial)));
   expect({"validate", "--measurements", "serial.csv", "--joint-convention", kSerial, "--json"}, 0, {});
 }
 
@@ -237,7 +220,7 @@ TEST_F(CommandLineWarnings, ValidateSaysWhereTheBaseIsLeftOpen) {
 }
 
 TEST_F(CommandLineWarnings, ValidateDoubtsAnotherJointConvention) {
-  write("serial.csv", controller_csv(measured, kSerial));
+  write("serial.csv", in_controller_joints(measured, content(kSerial)));
   expect({"validate", "--measurements", "serial.csv", "--joint-convention", kPendant}, 1, {kHint});
   Measurements flipped = measured;
   flipped.joint_values.row(1) *= -1.0;
@@ -261,8 +244,7 @@ TEST_F(CommandLineWarnings, ValidateSaysWhereBaseAndTargetsTookAQuarterOfTheCoor
     write("m.csv", measurements_csv(subset(measured, [=](const Observation& o) {
             return o.configuration < configurations && o.target < 2;
           })));
-    Arguments words = Words{"validate", "--measurements", "m.csv"} + more;
-    const Outcome outcome = run(words);
+    const Outcome outcome = run(Words{"validate", "--measurements", "m.csv"} + more);
     heading = lines_of(outcome.out).at(0);
     heading.erase(0, heading.rfind(", ") + 2);
     return outcome.err.substr(0, outcome.err.find(" coordinates"));
@@ -304,8 +286,6 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAMisfitOfATenthOfTheArm) {
         << outcome.err;
   }
 }
-
-// ---- fk, jacobian, plan --------------------------------------------------------------------------------------------
 
 TEST_F(CommandLineWarnings, AResultThatIsNotToBeTrustedIsDoubtedWhereItIsUsed) {
   for (const Arguments& command :

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <iterator>
-#include <limits>
 #include <memory>
 
 #include "cli/config_file.hpp"
@@ -15,7 +14,6 @@
 #include "cli/text.hpp"
 #include "cli_support.hpp"
 #include "effects/joint_effects.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -24,6 +22,7 @@
 #include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::testing::options_test {
 namespace {
@@ -127,9 +126,7 @@ TEST(OptionValues, JointValuesBeyondTheLimitsByARoundingAreNotNamed) {
 }
 
 TEST(OptionValues, JointRangesOfSimulationsAreOfTheIndependentJoints) {
-  std::string urdf = kOddArm;
-  urdf.insert(urdf.find("</joint>", urdf.find("<joint name=\"elbow\"")), R"(<mimic joint="wrist"/>)");
-  const ErrorModel model = complete_model(parse_robot(urdf));
+  const ErrorModel model = complete_model(parse_robot(urdf::with_mimic(kOddArm, "elbow", R"(joint="wrist")")));
   const JointRanges limits = limits_of(model.joints);
   EXPECT_EQ(cli::joint_ranges(model, {"limits"}), limits);
   const JointRanges ranges = cli::joint_ranges(model, {"-10:20", "-50:250", "0:0", "-7.5:30"});
@@ -174,10 +171,7 @@ TEST(OptionValues, ATrackersNoiseIsFourNumbers) {
   }
 }
 
-class OptionsWithFiles : public CommandLine {
-protected:
-  std::string path(const std::string& name) const { return (directory / name).string(); }
-};
+using OptionsWithFiles = CommandLine;
 
 TEST_F(OptionsWithFiles, ConventionsAtHandStandBesideTheGivenOneAndTheRobotsOfKdlcal) {
   const std::string text = R"({"controller_joints": ["J"], "urdf_joints": ["j"], "matrix": [[-1]], "offset": [0.5]})";
@@ -195,9 +189,9 @@ TEST_F(OptionsWithFiles, ConventionsAtHandStandBesideTheGivenOneAndTheRobotsOfKd
   write("beside.json", text);
   write("beside.txt", text);
   write("other.json", "{}");
-  Words with_both = at_home + Words{path("beside.json"), path("given.json")};
   const cli::MeasurementArguments arguments{.joint_convention = path("given.json")};
-  EXPECT_THAT(names(cli::conventions_at_hand(arguments)), ::testing::UnorderedElementsAreArray(with_both));
+  EXPECT_THAT(names(cli::conventions_at_hand(arguments)),
+              ::testing::UnorderedElementsAreArray(at_home + Words{path("beside.json"), path("given.json")}));
   EXPECT_EQ(cli::convention_of(arguments.joint_convention)->matrix(0, 0), -1.0);
 }
 
@@ -227,9 +221,6 @@ TEST_F(OptionsWithFiles, OptionsInAFileAreThoseOfTheSubcommand) {
   EXPECT_EQ(parsed("[three]\nflag = true\n"), none + "[three]' is no subcommand, expected those that --help lists");
 }
 
-// ---- Limits of options
-// -------------------------------------------------------------------------------------------------------
-
 class ExactLimits : public CommandLine {
 protected:
   /// The command takes all these options, "--name=value": what fails is the robot, which is read later.
@@ -243,8 +234,8 @@ protected:
 
   void refuses(const Words& command, const std::string& option, const Words& values) {
     for (const std::string& value : values) {
-      Words words = command + Words{option + "=" + value, "--urdf", "none.urdf"};
-      expect_refused(words, {option, "'" + value + "'", "expected"});
+      expect_refused(command + Words{option + "=" + value, "--urdf", "none.urdf"},
+                     {option, "'" + value + "'", "expected"});
     }
   }
 
@@ -341,25 +332,16 @@ TEST_F(ExactLimits, OfSimulatedRows) {
   expect_refused(with("2"), {"10000100 rows, expected at most 10000000"});
 }
 
-// ---- Files ---------------------------------------------------------------------------------------------------------
-
 TEST_F(ExactLimits, OfTextFilesAre64MiB) {
   constexpr std::uintmax_t kLimit = std::uintmax_t{64} << 20U;
   const std::string fact = "larger than the limit of 64 MiB";
   const Words fk = {"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "huge"};
-  // A file of so many bytes that takes no room on the disk.
-  const auto resize = [&](std::uintmax_t size) {
-    write("huge", "");
-    std::error_code error;
-    std::filesystem::resize_file(directory / "huge", size, error);
-    return !error;
-  };
   const auto said = [&](const Words& command) {
     const Outcome outcome = run(command);
     EXPECT_EQ(outcome.status, 2);
     return outcome.err;
   };
-  if (!resize(kLimit + 1)) {
+  if (!write_sparse("huge", kLimit + 1)) {
     GTEST_SKIP() << "no room for a sparse file";
   }
   for (const Words& command : {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk}) {
@@ -367,7 +349,7 @@ TEST_F(ExactLimits, OfTextFilesAre64MiB) {
   }
   // What has no size, like a pipe, is read so far.
   EXPECT_THAT(said({"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "/dev/zero"}), HasSubstr(fact));
-  ASSERT_TRUE(resize(kLimit));
+  ASSERT_TRUE(write_sparse("huge", kLimit));
   EXPECT_THAT(said(fk), Not(HasSubstr(fact)));  // the same reader for all of them
 }
 
@@ -399,7 +381,6 @@ TEST_F(ExactLimits, OfKnownTargetsAre100) {
   expect_refused(validate, {"t.json: targets: 101, expected at most 100"});
 }
 
-// ---- Readers -------------------------------------------------------------------------------------------------------
 // Other limits of theirs stand in measurements_test.cpp and robot_test.cpp.
 
 TEST(ExactLimitsOfReaders, ValuesInJsonStandInside100Others) {

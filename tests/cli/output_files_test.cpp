@@ -294,8 +294,6 @@ TEST_F(Faults, AFileSystemWithoutFlagsOfRenamingIsRenamedOnPlainly) {
   }
 }
 
-// ---- Progress -------------------------------------------------------------------------------------------------------
-
 // Work that takes long by a clock that runs fast.
 class ProgressBar : public Faults {
 protected:

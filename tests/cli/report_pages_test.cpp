@@ -16,7 +16,6 @@ namespace {
 
 using Json = nlohmann::json;
 using Eigen::Index;
-using Eigen::Vector3d;
 
 const cli::PageFacts kSetup = {{"robot", "an arm"}, {"seed", "7"}};
 

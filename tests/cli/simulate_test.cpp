@@ -1,16 +1,15 @@
 // kdlcal simulate: each option changes what it should and nothing else (see cli_options_support.hpp).
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "cli_options_support.hpp"
+#include "json_support.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "planning/measuring_plan.hpp"
 #include "printed_text.hpp"
-#include "report_page_support.hpp"
 
 namespace kdl_calibration::testing::simulate_test {
 namespace {
@@ -128,8 +127,7 @@ std::vector<OptionCase> draw_options() {
        truth_changes({"targets/*/position/*"},
                      [](const Effect& effect) {
                        const auto length = [](const Answer& answer, std::size_t t) {
-                         const Json p = answer.file("t.json")["targets"][t]["position"];
-                         return Eigen::Vector3d(p[0], p[1], p[2]).norm();
+                         return vector_of(answer.file("t.json")["targets"][t]["position"]).norm();
                        };
                        for (std::size_t t = 0; t < 3; ++t) {
                          const double nominal = t < 2 ? 0.1 : std::hypot(0.0707, 0.0707);
@@ -346,35 +344,32 @@ std::vector<OptionCase> experiment_options() {
   };
 }
 
+/// The truth says so, and the odd arm was measured.
+Check is_of_robot(const std::string& key, const std::string& value) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(effect.with.file("t.json")[key], value);
+    EXPECT_THAT(effect.with.files.at("m.csv"), HasSubstr("slide"));
+  };
+}
+
+Check has_no_more(const std::string& joint) {
+  return [=](const Effect& effect) {
+    EXPECT_THAT(effect.without.files.at("m.csv"), HasSubstr(joint));
+    EXPECT_THAT(effect.with.files.at("m.csv"), Not(HasSubstr(joint)));
+  };
+}
+
 std::vector<OptionCase> simulate_file_options() {
   return {
-      {"UrdfIsTheRobot",
-       {"--urdf", "odd.urdf"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.file("t.json")["urdf"], "odd.urdf");
-         EXPECT_THAT(effect.with.files.at("m.csv"), HasSubstr("slide"));
-       }},
-      {"DhIsTheRobot",
-       {"--dh", "odd_dh.json"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.file("t.json")["urdf"], "odd_dh.json");
-         EXPECT_THAT(effect.with.files.at("m.csv"), HasSubstr("slide"));
-       }},
+      {"UrdfIsTheRobot", {"--urdf", "odd.urdf"}, is_of_robot("urdf", "odd.urdf")},
+      {"DhIsTheRobot", {"--dh", "odd_dh.json"}, is_of_robot("urdf", "odd_dh.json")},
       {"BaseIsTheFirstLink",
        {"--base", "a"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.file("t.json")["base_link"], "a");
-         EXPECT_THAT(effect.without.files.at("m.csv"), HasSubstr("turn"));
-         EXPECT_THAT(effect.with.files.at("m.csv"), Not(HasSubstr("turn")));
-       },
+       both_checks(is_of_robot("base_link", "a"), has_no_more("turn")),
        {"--urdf", "odd.urdf"}},
       {"TipIsTheLastLink",
        {"--tip", "d"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.file("t.json")["tip_link"], "d");
-         EXPECT_THAT(effect.without.files.at("m.csv"), HasSubstr("wrist"));
-         EXPECT_THAT(effect.with.files.at("m.csv"), Not(HasSubstr("wrist")));
-       },
+       both_checks(is_of_robot("tip_link", "d"), has_no_more("wrist")),
        {"--urdf", "odd.urdf"}},
       {"TruthIsWritten",
        {"--truth", "other.json"},
@@ -431,11 +426,7 @@ std::vector<OptionCase> procedure_options() {
 }
 
 std::vector<OptionCase> simulate_options() {
-  std::vector<OptionCase> rows = draw_options();
-  for (const auto& more : {experiment_options(), simulate_file_options(), procedure_options()}) {
-    rows.insert(rows.end(), more.begin(), more.end());
-  }
-  return rows;
+  return draw_options() + experiment_options() + simulate_file_options() + procedure_options();
 }
 
 class SimulateOption : public OptionEffect {};
@@ -462,8 +453,6 @@ TEST_P(SimulateOption, HasItsEffectAndNoOther) {
   check_effect(files ? command + Words{"--output", "m.csv", "--truth", "t.json"} : command, GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Options, SimulateOption, ::testing::ValuesIn(simulate_options()), behaviour_of);
-
-// ---- what is printed -----------------------------------------------------------------------------------------------
 
 TEST_F(OptionsOfKdlcal, SimulateSaysWhatItDrew) {
   const std::string said =

@@ -2,11 +2,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <sstream>
 
 #include "cli_support.hpp"
+#include "json_support.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
 #include "model/reduction.hpp"
@@ -14,8 +13,9 @@
 #include "planning/two_step_trial.hpp"
 #include "printed_text.hpp"
 #include "robot/joint_ranges.hpp"
-#include "support.hpp"
 #include "two_step/identification_jacobian.hpp"
+#include "urdf_text.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing::truth_report_test {
 namespace {
@@ -23,8 +23,6 @@ namespace {
 using Json = nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-
-// ---- simulate --two-step -------------------------------------------------------------------------------------------
 
 class TwoStep : public CommandLine {};
 
@@ -63,8 +61,6 @@ TEST_F(TwoStep, RefusesWhatDoesNotGoWithIt) {
   expect_refused({"simulate", "--recorded"}, {"--recorded", "--two-step"});
 }
 
-// ---- validate --truth ----------------------------------------------------------------------------------------------
-
 class Truth : public CommandLine {
 protected:
   void calibrate(const std::vector<std::string>& options) {
@@ -75,21 +71,6 @@ protected:
       succeed({"calibrate", "--measurements", "m.csv", "--result", "result.json", "--force"});
     });
   }
-  // Where target `t` is in W according to a result or a truth.
-  static Eigen::Vector3d point(const ErrorModel& model, const Json& json, const Eigen::VectorXd& q, std::size_t t) {
-    Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-    for (const Json& parameter : json["parameters"]) {
-      const std::string name = parameter["name"];
-      if (name.find('.') == std::string::npos) {
-        errors[static_cast<Eigen::Index>(parameter_index(model, name))] = parameter["error"];
-      }
-    }
-    const auto vector = [](const Json& v) { return Eigen::Vector3d(v[0], v[1], v[2]); };
-    const Json& wxyz = json["base"]["quaternion_wxyz"];
-    const Eigen::Quaterniond R(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
-    const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(error_chain(model, errors), q));
-    return R * (X_BF * vector(json["targets"][t]["position"])) + vector(json["base"]["position"]);
-  }
 };
 
 TEST_F(Truth, StatesTheDistancesOfPointsThatKdlGives) {
@@ -99,13 +80,16 @@ TEST_F(Truth, StatesTheDistancesOfPointsThatKdlGives) {
   const ErrorModel model = complete_model(fanuc());
   Random random(9);
   const Eigen::MatrixXd q = random_configurations(published_ranges(model.joints), 1000, random);
-  const Json result = json_of("result.json");
-  const Json truth = json_of("truth.json");
+  const Estimate result = estimate_in(model, json_of("result.json"));
+  const Estimate truth = estimate_in(model, json_of("truth.json"));
+  const KDL::Chain found_chain = error_chain(model, result.errors);
+  const KDL::Chain true_chain = error_chain(model, truth.errors);
   double sum = 0.0;
   double largest = 0.0;
   for (const auto& column : q.colwise()) {
     for (std::size_t t = 0; t < 3; ++t) {
-      const double distance = (point(model, result, column, t) - point(model, truth, column, t)).norm();
+      const double distance =
+          (kdl_point(found_chain, result, column, t) - kdl_point(true_chain, truth, column, t)).norm();
       sum += distance * distance;
       largest = std::max(largest, distance);
     }
@@ -127,8 +111,7 @@ TEST_F(Truth, HasTheEffectsThatBendTheArm) {
       words_of("simulate --configurations 40 --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --seed 5 --effects "
                "gravity --output m.csv --truth truth.json"));
   const auto rms_of = [&](const std::string& result, const std::vector<std::string>& options) {
-    std::vector<std::string> words = Words{"calibrate", "--measurements", "m.csv", "--result", result} + options;
-    EXPECT_EQ(run(words).status, 0);
+    EXPECT_EQ(run(Words{"calibrate", "--measurements", "m.csv", "--result", result} + options).status, 0);
     return run_json({"validate", "--result", result, "--truth", "truth.json", "--json"})["position_error"]["all"]["rms"]
         .get<double>();
   };
@@ -168,16 +151,13 @@ TEST_F(Truth, RefusesWhatDoesNotBelongTogether) {
   expect_refused({"validate", "--result", "result.json", "--truth", "other.json"}, {"other.json", "nominal 0.5"});
 }
 
-// ---- jacobian --identification -------------------------------------------------------------------------------------
-
 class Matrices : public CommandLine {};
 
 TEST_F(Matrices, AreWrittenForEveryConfigurationOfAFile) {
   succeed({"simulate", "--configurations", "7", "--targets", "2", "--output", "m.csv"});
   const std::vector<std::string> command = {
       "jacobian", "--identification", "--configuration-file", "m.csv", "--targets", "4", "--model", "complete"};
-  std::vector<std::string> to_file = command + Words{"--output", "j.csv", "--json"};
-  const Json json = run_json(to_file);
+  const Json json = run_json(command + Words{"--output", "j.csv", "--json"});
   EXPECT_EQ(text_of("j.csv"), run(command).out);
   const auto rows = cells_of(text_of("j.csv"));
   const std::size_t columns = 6 + complete_model(fanuc()).parameters.size() + 12;
@@ -210,15 +190,13 @@ TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
                 {"name": "B", "position": [0, 0.2, 0.3]}]})");
   write("t.json", R"({"targets": [{"name": "Q", "position": [0.3, 0.1, -0.2]}]})");
   const ErrorModel model = complete_model(fanuc());
-  Estimate estimate{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+  Estimate estimate{.errors = errors_of(model, {{"dq2", 0.002}, {"Tz3", -0.01}}),
                     .X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0),
                     .targets = targets_at({{0.1, 0.2, 0.0}, {0.0, 0.2, 0.3}})};
-  estimate.errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.002;
-  estimate.errors[static_cast<Eigen::Index>(parameter_index(model, "Tz3"))] = -0.01;
   Eigen::VectorXd q(6);
   q << 0.1, 0.2, -0.3, 0.4, 0.5, 0.6;
   const std::vector<std::string> command =
-      words_of("jacobian --identification --joints 0.1,0.2,-0.3,0.4,0.5,0.6 --result r.json --json");
+      words_of("jacobian --identification --joints 0.1,0.2,-0.3,0.4,0.5,0.6 --result r.json");
   const auto expect = [&](const std::vector<std::string>& words) {
     const Json found = run_json(words)["configurations"][0];
     const Unknowns free = Unknowns(model, estimate.targets, reduced_model(model, estimate.targets).kept);
@@ -233,16 +211,13 @@ TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
       }
     }
   };
-  expect(command);
+  expect(command + Words{"--json"});
   estimate.targets = targets_at({{0.3, 0.1, -0.2}});
-  std::vector<std::string> other_target = command + Words{"--target-file", "t.json"};
-  expect(other_target);
-  other_target.back() = "t.json";
-  other_target.insert(other_target.end(), {"--output", "j.csv"});
-  other_target.erase(std::find(other_target.begin(), other_target.end(), "--json"));
+  expect(command + Words{"--json", "--target-file", "t.json"});
   const std::size_t columns = reduced_model(model, estimate.targets).kept.size();
-  EXPECT_EQ(run(other_target).out, "1 configurations, in each the identification Jacobian, 3 x " +
-                                       std::to_string(columns) + ", and A, 3 x 9\n");
+  EXPECT_EQ(
+      run(command + Words{"--target-file", "t.json", "--output", "j.csv"}).out,
+      "1 configurations, in each the identification Jacobian, 3 x " + std::to_string(columns) + ", and A, 3 x 9\n");
 }
 
 TEST_F(Matrices, RefuseBadUsage) {
@@ -257,9 +232,8 @@ TEST_F(Matrices, RefuseBadUsage) {
                  {"m.csv", "exists"});
 }
 
-// ---- history -------------------------------------------------------------------------------------------------------
-
 class History : public CommandLine {};
+class MimicCommands : public CommandLine {};
 
 TEST_F(History, OfTheMisfitStandsInTheResultOfBothEstimators) {
   succeed({"simulate", "--joint-ranges", "published", "--noise", "0.00003", "--output", "m.csv"});
@@ -267,8 +241,7 @@ TEST_F(History, OfTheMisfitStandsInTheResultOfBothEstimators) {
                                                           {"--method", "two-step", "--iterations", "40"},
                                                           {"--loss", "huber", "--effects", "none", "--prior", "none"}};
   for (const auto& options : variants) {
-    std::vector<std::string> command = Words{"calibrate", "--measurements", "m.csv", "--json"} + options;
-    const Json result = Json::parse(run(command).out);
+    const Json result = Json::parse(run(Words{"calibrate", "--measurements", "m.csv", "--json"} + options).out);
     const std::vector<double> history = result["history"];
     const std::string what = ::testing::PrintToString(options);
     ASSERT_EQ(history.size(), result["iterations"].get<std::size_t>()) << what;
@@ -278,35 +251,18 @@ TEST_F(History, OfTheMisfitStandsInTheResultOfBothEstimators) {
   }
 }
 
-// ---- mimic joints --------------------------------------------------------------------------------------------------
-
-/// joint_3 keeps the upper arm's angle against the horizontal, as a parallelogram does.
-class MimicCommands : public CommandLine {
-protected:
-  void SetUp() override {
-    CommandLine::SetUp();
-    std::string text = content(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf");
-    const std::size_t joint = text.find("<joint name=\"joint_3\"");
-    ASSERT_NE(joint, std::string::npos);
-    text.insert(text.find("</joint>", joint), "<mimic joint=\"joint_2\" multiplier=\"-1\" offset=\"0.1\"/>");
-    write("p.urdf", text);
-  }
-};
-
+// joint_3 keeps the upper arm's angle against the horizontal, as a parallelogram does.
 TEST_F(MimicCommands, TakeTheIndependentJointsAlone) {
+  write("p.urdf", urdf::with_mimic(content(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf"), "joint_3",
+                                   R"(joint="joint_2" multiplier="-1" offset="0.1")"));
   const Json tip = run_json({"fk", "--urdf", "p.urdf", "--joints", "0.1,0.2,0.3,0.4,0.5", "--json"})["frames"].back();
   const Json same = run_json({"fk", "--joints", "0.1,0.2,-0.1,0.3,0.4,0.5", "--json"})["frames"].back();
-  for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_NEAR(tip["position"][i], same["position"][i], 1e-14);
-  }
+  EXPECT_LT((vector_of(tip["position"]) - vector_of(same["position"])).cwiseAbs().maxCoeff(), 1e-14);
   const Json jacobian = run_json({"jacobian", "--urdf", "p.urdf", "--joints", "0.1,0.2,0.3,0.4,0.5", "--json"});
   EXPECT_EQ(jacobian["kdl"][0].size(), 6U) << "every joint has its column";
   expect_refused({"fk", "--urdf", "p.urdf", "--joints", "0,0,0,0,0,0"},
                  {"expected 5", "joint_1, joint_2, joint_4, joint_5, joint_6"});
-  EXPECT_THAT(run({"model", "--urdf", "p.urdf"}).out, HasSubstr("joint_3 = -1.0 joint_2 + 0.1"));
 }
-
-// ---- letter by letter ----------------------------------------------------------------------------------------------
 
 struct ValidationTask {
   ErrorModel model = complete_model(fanuc());

@@ -6,9 +6,9 @@
 #include <array>
 #include <cmath>
 #include <initializer_list>
-#include <kdl/frames.hpp>
 
 #include "cli_options_support.hpp"
+#include "json_support.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "printed_text.hpp"
 #include "report_page_support.hpp"
@@ -22,16 +22,11 @@ using ::testing::HasSubstr;
 std::vector<double> distances_by_kdl(const Json& answer, const std::filesystem::path& directory) {
   const Robot robot = load_robot(kFanuc);
   const Measurements measurements = read_measurements(directory / "m.csv", joint_names(robot));
-  const Json& base = answer["base"];
-  const Json& turn = base["quaternion_wxyz"];
-  const KDL::Frame X_WB(KDL::Rotation::Quaternion(turn[1], turn[2], turn[3], turn[0]),
-                        KDL::Vector(base["position"][0], base["position"][1], base["position"][2]));
+  const Estimate stated = estimate_in(complete_model(robot), answer);
   std::vector<double> distances;
   for (const Observation& o : measurements.observations) {
-    const Json& p = answer["targets"][static_cast<std::size_t>(o.target)]["position"];
-    const KDL::Vector there =
-        X_WB * (kdl_pose(robot.chain, measurements.joint_values.col(o.configuration)) * KDL::Vector(p[0], p[1], p[2]));
-    distances.push_back(std::hypot(o.position.x() - there.x(), o.position.y() - there.y(), o.position.z() - there.z()));
+    const Eigen::VectorXd q = measurements.joint_values.col(o.configuration);
+    distances.push_back((o.position - kdl_point(robot.chain, stated, q, o.target)).norm());
   }
   return distances;
 }
@@ -67,19 +62,15 @@ Check holds(const std::function<void(const Json& answer)>& known) {
 // NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> validate_options() {
   const auto rms = [](const Answer& run) { return run.json["position_error"]["train"]["rms"].get<double>(); };
-  const auto position = [](const Json& frame) {
-    return Eigen::Vector3d(frame["position"][0], frame["position"][1], frame["position"][2]);
-  };
+  const auto position = [](const Json& frame) { return vector_of(frame["position"]); };
   const Words measured = {"--measurements", "m.csv"};
-  return {
+  std::vector<OptionCase> rows = {
       {"UrdfIsTheRobot",
        {"--urdf", "longer.urdf"},
-       [rms](const Effect& effect) { EXPECT_GT(rms(effect.with), 10.0 * rms(effect.without)); },
-       measured},
+       [rms](const Effect& effect) { EXPECT_GT(rms(effect.with), 10.0 * rms(effect.without)); }},
       {"DhIsTheRobot",
        {"--dh", "fanuc_dh.json"},
-       [rms](const Effect& effect) { EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12); },
-       measured},
+       [rms](const Effect& effect) { EXPECT_NEAR(rms(effect.with), rms(effect.without), 1e-12); }},
       {"BaseIsTheFirstLink",
        {"--base", "base_link"},
        [=](const Effect& effect) {
@@ -111,46 +102,41 @@ std::vector<OptionCase> validate_options() {
        [](const Effect& effect) {
          const auto count = [](const Answer& run) { return run.json["position_error"]["train"]["count"].get<long>(); };
          EXPECT_EQ(count(effect.with), count(effect.without) - 4);
-       },
-       measured},
+       }},
       {"JointConventionReadsTheControllersValues",
        {"--joint-convention", "coupled.json"},
        is_consistent(),
        {"--measurements", "controller.csv"}},
-      {"KnownBaseIsHeld",
-       {"--known-base", "known.json"},
-       holds([](const Json& answer) {
+      {"KnownBaseIsHeld", {"--known-base", "known.json"}, holds([](const Json& answer) {
          EXPECT_EQ(answer["base"]["position"], (Json{2.001, 1.0, 0.502}));
          EXPECT_NEAR(answer["base"]["quaternion_wxyz"][3], 0.8, 1e-15);
-       }),
-       measured},
-      {"KnownTargetsAreHeldAndOthersFree",
-       {"--known-targets", "known.json"},
-       holds([](const Json& answer) {
+       })},
+      {"KnownTargetsAreHeldAndOthersFree", {"--known-targets", "known.json"}, holds([](const Json& answer) {
          EXPECT_EQ(answer["targets"][0]["position"], (Json{0.1, 0.001, 0.0}));
          EXPECT_EQ(answer["targets"][1]["position"], (Json{0.0, 0.0, 0.1}));
          EXPECT_NE(answer["targets"][2]["position"], (Json{0.0, 0.0, 0.0}));
-       }),
-       measured},
+       })},
       {"RequireDecidesTheStatus",
        {"--require", "train.rms<0"},
        [](const Effect& effect) {
          EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
          EXPECT_EQ(effect.without.outcome.status, 0);
          EXPECT_EQ(effect.with.outcome.status, 1);
-       },
-       measured},
-      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json(), measured},
+       }},
+      {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json()},
       {"ReportShowsThePositionError",
        {"--report", "v.html"},
        [](const Effect& effect) {
          EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
          const Json page = data_of_page(effect.with.files.at("v.html"));
          EXPECT_EQ(page["result"]["position_error"], effect.with.json["position_error"]);
-       },
-       measured},
+       }},
       {"ForceReplacesAPage", {"--force"}, overwrites("old.html", "<!"), measured + Words{"--report", "old.html"}},
   };
+  for (OptionCase& row : rows) {
+    row.base = row.base.empty() && row.option != measured ? measured : row.base;
+  }
+  return rows;
 }
 
 std::vector<OptionCase> truth_options() {
@@ -212,13 +198,8 @@ TEST_P(ValidateOption, HasItsEffectAndNoOther) {
 INSTANTIATE_TEST_SUITE_P(Options, ValidateOption, ::testing::ValuesIn(validate_options()), behaviour_of);
 
 TEST_F(OptionsOfKdlcal, OfValidateAreAllTested) {
-  std::vector<OptionCase> rows = validate_options();
-  const std::vector<OptionCase> more = truth_options();
-  rows.insert(rows.end(), more.begin(), more.end());
-  expect_a_test_of_every_option("validate", rows);
+  expect_a_test_of_every_option("validate", validate_options() + truth_options());
 }
-
-// ---- the table -----------------------------------------------------------------------------------------------------
 
 TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
   write("m.csv", measurements_csv(measured_fanuc({.sigma = 2e-5}, false)));
@@ -272,11 +253,8 @@ TEST_F(OptionsOfKdlcal, ValidateComparesTheArmsThatTouchedAPlateAtSeveralPlaces)
   std::array<Eigen::Vector3d, 2> true_places;
   std::array<Eigen::Vector3d, 2> places;
   for (std::size_t i = 0; i < 2; ++i) {
-    const Json truth = json_of("t.json")["stations"][i];
-    const std::vector<double> w = truth["quaternion_wxyz"];
-    const std::vector<double> t = truth["position"];
-    true_places[i] = -(Eigen::Quaterniond(w[0], w[1], w[2], w[3]).conjugate() * Eigen::Vector3d(t.data()));
-    places[i] = Eigen::Vector3d(json_of("r.json")["stations"][i]["origin_in_base"].get<std::vector<double>>().data());
+    true_places[i] = placed_as(json_of("t.json")["stations"][i]).inverse().translation();
+    places[i] = vector_of(json_of("r.json")["stations"][i]["origin_in_base"]);
   }
   EXPECT_NEAR((places[1] - places[0]).norm(), (true_places[1] - true_places[0]).norm(), 1e-3);
   const Outcome compared = run({"validate", "--result", "r.json", "--truth", "t.json", "--json"});
@@ -284,8 +262,7 @@ TEST_F(OptionsOfKdlcal, ValidateComparesTheArmsThatTouchedAPlateAtSeveralPlaces)
   EXPECT_LT(Json::parse(compared.out)["position_error"]["all"]["rms"], 4e-4);
   expect_refused({"plan", "--result", "r.json", "--add", "5"}, {"--result", "whole points from one station"});
   for (const Words& more : {Words{"--poses"}, Words{"--repeats", "2"}, Words{"--test-configurations", "2"}}) {
-    Words refused = touches + more;
-    expect_refused(refused, {"--sockets", "expected none of"});
+    expect_refused(touches + more, {"--sockets", "expected none of"});
   }
 }
 

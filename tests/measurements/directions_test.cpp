@@ -114,8 +114,6 @@ TEST(Directions, StayWithTheirRows) {
   EXPECT_EQ(both.coordinates[4].directions, all.coordinates[3].directions);
 }
 
-// ---- Distances -----------------------------------------------------------------------------------------------------
-
 const std::string kDistances = "configuration,target,q1,anchor,distance[mm],x,y,z\n";
 
 TEST(RowsOfDistances, AreReadAndWrittenBack) {

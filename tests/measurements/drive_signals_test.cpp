@@ -8,7 +8,6 @@
 #include "kdl_calibration/measurements.hpp"
 #include "measurements/training_rows.hpp"
 #include "refusal.hpp"
-#include "support.hpp"
 
 namespace kdl_calibration::drive_signals_test {
 namespace {
@@ -141,14 +140,6 @@ TEST(DriveSignals, AreTakenByConfigurationAndStayEmptyWhereNothingIsKnown) {
   EXPECT_FALSE(has_torques({}, 0));
 }
 
-TEST(DriveSignals, OfTheSecondStandBehindThoseOfTheFirst) {
-  const DriveSignals first{.approach = MatrixXd(2, 0), .torques = Eigen::Vector2d(1, 2)};
-  const DriveSignals second{.approach = Eigen::Vector2d(1, -1), .torques = Eigen::Vector2d(3, 4)};
-  const DriveSignals both = side_by_side(first, second);
-  EXPECT_TRUE(same(both.torques, (MatrixXd(2, 2) << 1, 3, 2, 4).finished()));
-  EXPECT_TRUE(same(both.approach, MatrixXd()));
-}
-
 TEST(DriveSignals, TorquesOfConfigurationsThatComeBackAreKept) {
   const Measurements read = parse_measurements(
       "configuration,target,a,b,x,y,z,tau_a\n1,A,0,0,0,0,0,1\n2,A,1,0,0,0,0,5\n1,B,0,0,0,0,0,2\n3,A,2,0,0,0,0,8\n",
@@ -165,11 +156,6 @@ TEST(DriveSignals, OfAnotherSizeAreRefused) {
   read.signals.torques.resize(0, 0);
   read.signals.approach = MatrixXd::Constant(2, 1, std::numeric_limits<double>::infinity());
   EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("directions of approach that are infinite"));
-}
-
-TEST(DriveSignals, TorquesInAnotherUnitAreRefused) {
-  EXPECT_THAT(testing::refusal([&] { parse_measurements(testing::fanuc(), "configuration,target,tau_joint_2[N]\n"); }),
-              ::testing::AllOf(HasSubstr("'N'"), HasSubstr("[Nm]")));
 }
 
 }  // namespace

@@ -259,11 +259,5 @@ TEST(LackOfFit, RefusesWhatDoesNotHoldTogether) {
   expect(refusal([&] { explained_by_joints(model, estimate, trial.measured); }), "3 errors");
 }
 
-TEST(LackOfFit, NeedsRepeats) {
-  VirtualExperiment experiment;
-  const Measurements measured = experiment.measure(20, {.sigma = 1e-5});
-  EXPECT_FALSE(test_lack_of_fit(experiment.model, measured, experiment.robot.truth, experiment.free).has_value());
-}
-
 }  // namespace
 }  // namespace kdl_calibration::lack_of_fit_test

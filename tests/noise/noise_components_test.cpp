@@ -23,7 +23,6 @@ using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using testing::VirtualExperiment;
-using testing::without_sigmas;
 
 /// Of a few configurations, without some targets and repeats. What points of a repeat share differs by axis.
 Measurements irregular(unsigned seed, const Vector3d& common, double orientation = 0.0) {
@@ -56,18 +55,6 @@ Measurements irregular(unsigned seed, const Vector3d& common, double orientation
     }
   }
   return measured;
-}
-
-TEST(NoiseComponents, OfResidualsAreBothComponentsOfTheNoise) {
-  VirtualExperiment experiment = VirtualExperiment({.ranges = published_ranges, .random = Random(7)});
-  const Measurements measured =
-      without_sigmas(experiment.measure(400, {.sigma = 0.00004, .common = Eigen::Vector3d::Constant(0.00003)}));
-  const Identification found =
-      identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free);
-  const ResidualNoise noise = noise_from_residuals(
-      LeastSquaresProblem(experiment.model, measured, experiment.free).whitened(found.estimate), 33, 1.0);
-  EXPECT_NEAR(noise.independent, 0.00004, 0.05 * 0.00004);
-  EXPECT_NEAR(noise.common, 0.00003, 0.1 * 0.00003);
 }
 
 TEST(NoiseComponents, OfRepeatsAreBothComponentsOfTheNoise) {

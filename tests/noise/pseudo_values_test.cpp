@@ -4,7 +4,6 @@
 
 #include <cmath>
 
-#include "kdl_calibration/noise_model.hpp"
 #include "planning/simulation.hpp"
 #include "validation/validation.hpp"
 #include "virtual_experiment.hpp"
@@ -50,9 +49,8 @@ TEST(PseudoValues, AreOffByTheirWeightOverTheMeanSlope) {
       SCOPED_TRACE(row);
       EXPECT_EQ(found.row_weights[row], weights[row] > 1e-6 ? 1.0 : 1e-6);
       const Observation& o = measured.observations[row];
-      const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, measured.joint_values.col(o.configuration)));
       const Eigen::Vector3d predicted =
-          estimate.X_WB * (X_BF * estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation());
+          testing::kdl_point(chain, estimate, measured.joint_values.col(o.configuration), o.target);
       const Eigen::Vector3d expected = predicted + weights[row] / (sum / rows) * (o.position - predicted);
       EXPECT_LT((found.measurements.observations[row].position - expected).norm(), 1e-9);
     }

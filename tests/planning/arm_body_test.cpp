@@ -5,14 +5,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <iomanip>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <numbers>
-#include <sstream>
 
+#include "base/number_text.hpp"
 #include "base/random.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::arm_body_test {
 namespace {
@@ -103,32 +102,6 @@ double outside(const Capsule& capsule, const Vector3d& p) {
   return segment_distance(capsule.a, capsule.b, p) - capsule.radius;
 }
 
-TEST(ArmBody, EnclosesTheShapes) {
-  const Robot robot = with_shapes(
-      "<collision><origin xyz='1 2 3' rpy='0 1.5707963267948966 0'/><geometry><box size='0.2 0.4 1'/></geometry>"
-      "</collision>"
-      "<collision><geometry><cylinder radius='0.5' length='0.1'/></geometry></collision>"
-      "<collision><geometry><sphere radius='0.25'/></geometry></collision>"
-      "<visual><geometry><sphere radius='7'/></geometry></visual>");
-  const ArmBody body = body_from_urdf(robot);
-  ASSERT_EQ(body.capsules.size(), 3U);
-  EXPECT_THAT(body.without_shape, ::testing::ElementsAre("b"));
-  for (const double x : {-0.5, 0.5}) {  // turned about y: the long side lies along x
-    for (const double y : {-0.2, 0.2}) {
-      for (const double z : {-0.1, 0.1}) {
-        EXPECT_LE(outside(body.capsules[0], Vector3d(1 + x, 2 + y, 3 + z)), 1e-12);
-      }
-    }
-  }
-  EXPECT_GT(outside(body.capsules[0], Vector3d(1, 2.4, 3)), 0.0);
-  for (int k = 0; k < 12; ++k) {
-    const Vector3d rim(0.5 * std::cos(k), 0.5 * std::sin(k), 0.05);
-    EXPECT_LE(outside(body.capsules[1], rim), 1e-12);
-    EXPECT_LE(outside(body.capsules[1], -rim), 1e-12);
-  }
-  EXPECT_DOUBLE_EQ(body.capsules[2].radius, 0.25);
-}
-
 // A capsule along the axis needs at least the radius `reach`. With its ends drawn in by half of that, or to the middle
 // of a flat shape, it needs an eighth more and stands out less far beyond the ends.
 void expect_tight(const Capsule& capsule, const Eigen::Isometry3d& X, const Vector3d& axis, double half_length,
@@ -153,13 +126,7 @@ double farthest_outside(const Capsule& capsule, const Eigen::Isometry3d& X, cons
   return farthest;
 }
 
-std::string number(double value) {
-  std::ostringstream text;
-  text << std::setprecision(17) << value;
-  return text.str();
-}
-
-std::string numbers(const Vector3d& v) { return number(v.x()) + " " + number(v.y()) + " " + number(v.z()); }
+std::string numbers(const Vector3d& v) { return shortest(v.x()) + " " + shortest(v.y()) + " " + shortest(v.z()); }
 
 TEST(ArmBody, CapsulesTouchTheShapesThatTheyEnclose) {
   Random random(11);
@@ -179,7 +146,7 @@ TEST(ArmBody, CapsulesTouchTheShapesThatTheyEnclose) {
     const ArmBody body = body_from_urdf(
         with_shapes("<collision>" + origin + "<geometry><box size='" + numbers(2.0 * half) +
                     "'/></geometry></collision>" + "<collision>" + origin + "<geometry><cylinder radius='" +
-                    number(radius) + "' length='" + number(length) + "'/></geometry></collision>" + "<collision>" +
+                    shortest(radius) + "' length='" + shortest(length) + "'/></geometry></collision>" + "<collision>" +
                     origin + "<geometry><sphere radius='0.375'/></geometry></collision>"));
     ASSERT_EQ(body.capsules.size(), 3U);
     std::vector<Vector3d> corners;
@@ -232,13 +199,6 @@ TEST(ArmBody, TheToolReachesFromTheFlangeToEachTarget) {
   }
 }
 
-TEST(ArmBody, SaysWhichLinksHaveNoShapeItKnows) {
-  const Robot robot = with_shapes("<visual><geometry><mesh filename='package://no/such.stl'/></geometry></visual>");
-  const ArmBody body = body_from_urdf(robot);
-  EXPECT_TRUE(body.capsules.empty());
-  EXPECT_THAT(body.without_shape, ::testing::ElementsAre("a", "b"));
-}
-
 TEST(ArmBody, ALinkWithAMeshBesideItsOtherShapesIsNamedToo) {
   const Robot robot = with_shapes(
       "<collision><geometry><sphere radius='0.25'/></geometry></collision>"
@@ -252,16 +212,11 @@ TEST(ArmBody, ALinkWithAMeshBesideItsOtherShapesIsNamedToo) {
 
 // Three joints that turn about z, x and y; the last one's axis passes the point where the others meet at this distance.
 Robot wrist_with_an_offset(double offset, const std::string& last = "revolute") {
-  std::string urdf = "<robot name='r'><link name='l0'/><link name='l1'/><link name='l2'/><link name='l3'/>";
-  const std::vector<std::string> axes = {"0 0 1", "1 0 0", "0 1 0"};
-  for (std::size_t i = 1; i <= 3; ++i) {
-    const std::string n = std::to_string(i);
-    const std::string x = i == 2 ? number(offset) : "0";  // the first two axes pass each other
-    urdf += "<joint name='j" + n + "' type='" + (i == 3 ? last : "revolute") + "'><parent link='l" +
-            std::to_string(i - 1) + "'/><child link='l" + n + "'/><origin xyz='0 " + x + " 0'/><axis xyz='" +
-            axes[i - 1] + "'/><limit lower='-3' upper='3' velocity='1' effort='1'/></joint>";
-  }
-  return parse_robot(urdf + "</robot>");
+  const std::string limit = testing::urdf::limit("-3:3");
+  return parse_robot(testing::urdf::serial(
+      {{"revolute", "<axis xyz='0 0 1'/>" + limit},
+       {"revolute", "<origin xyz='0 " + shortest(offset) + " 0'/><axis xyz='1 0 0'/>" + limit},  // they pass each other
+       {last, "<axis xyz='0 1 0'/>" + limit}}));
 }
 
 TEST(ArmBody, JointsWhoseAxesMeetWithinAMicrometreAreOneWrist) {
@@ -284,10 +239,8 @@ TEST(ArmBody, JointsWhoseAxesMeetWithinAMicrometreAreOneWrist) {
 
 // The largest distance in the 500 configurations, by KDL.
 TEST(ArmBody, AClearanceCanBeAskedForUpToTheLargestOf500Configurations) {
-  std::string urdf = testing::kOddArm;
-  urdf.insert(urdf.find("</joint>", urdf.find("<joint name=\"wrist\"")),
-              R"(<mimic joint="elbow" multiplier="-0.5" offset="0.1"/>)");
-  const Robot robot = parse_robot(urdf);
+  const Robot robot = parse_robot(
+      testing::urdf::with_mimic(testing::kOddArm, "wrist", R"(joint="elbow" multiplier="-0.5" offset="0.1")"));
   const std::vector<Capsule> capsules = {
       {.link = "a", .frame = 1, .a = {0.1, 0.0, 0.0}, .b = {0.0, 0.0, 0.5}, .radius = 0.03},
       {.link = "tool", .frame = robot.chain.getNrOfSegments(), .b = {0.2, 0.1, 0.0}, .radius = 0.02}};

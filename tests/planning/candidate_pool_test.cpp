@@ -8,7 +8,6 @@
 #include <cmath>
 
 #include "kdl_calibration/noise_model.hpp"
-#include "planning/simulation.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
 

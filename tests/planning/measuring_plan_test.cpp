@@ -8,8 +8,6 @@
 #include <algorithm>
 #include <numeric>
 
-#include "kdl_calibration/input_error.hpp"
-#include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 
@@ -78,6 +76,14 @@ constexpr const char* kUnevenArm = R"(<robot name="uneven">
   <joint name="wrist" type="continuous"><parent link="hand"/><child link="tip"/><origin xyz="0.5 0 0"/>
     <axis xyz="0 1 0"/></joint>
 </robot>)";
+
+JointConvention uneven_convention() {
+  return {.name = "uneven.json",
+          .controller_joints = {"E1", "J1", "J2", "J3"},
+          .urdf_joints = {"slide", "shoulder", "elbow", "wrist"},
+          .matrix = MatrixXd::Identity(4, 4),
+          .offset = Eigen::VectorXd::Zero(4)};
+}
 
 // max |to - from| / velocity.
 double seconds(const Eigen::VectorXd& from, const Eigen::VectorXd& to) {
@@ -160,11 +166,8 @@ TEST(MeasuringPlan, RoundsToABillionthOfADegreeOrAMillimetre) {
 
 TEST(MeasuringPlan, OfControllersJointsTakesTheirOffsetsAway) {
   const Robot robot = parse_robot(kUnevenArm);
-  JointConvention convention{.name = "uneven.json",
-                             .controller_joints = {"E1", "J1", "J2", "J3"},
-                             .urdf_joints = {"slide", "shoulder", "elbow", "wrist"},
-                             .matrix = MatrixXd::Identity(4, 4),
-                             .offset = Eigen::Vector4d(0.5, 10 * testing::kDegree, 0.0, -20 * testing::kDegree)};
+  JointConvention convention = uneven_convention();
+  convention.offset << 0.5, 10 * testing::kDegree, 0.0, -20 * testing::kDegree;
   convention.matrix(2, 1) = 0.5;  // J1 moves the elbow too
   Eigen::VectorXd q(4);
   q << 0.75, 30 * testing::kDegree, 45 * testing::kDegree, 0.0;
@@ -176,11 +179,7 @@ TEST(MeasuringPlan, OfControllersJointsTakesTheirOffsetsAway) {
 
 TEST(MeasuringPlan, ControllersJointsHaveTheUnitOfWhatTheyMove) {
   const Robot robot = parse_robot(kUnevenArm);
-  JointConvention convention{.name = "uneven.json",
-                             .controller_joints = {"E1", "J1", "J2", "J3"},
-                             .urdf_joints = {"slide", "shoulder", "elbow", "wrist"},
-                             .matrix = MatrixXd::Identity(4, 4),
-                             .offset = Eigen::VectorXd::Zero(4)};
+  JointConvention convention = uneven_convention();
   convention.matrix(0, 0) = -1.0;
   Eigen::VectorXd q(4);
   q << -0.125, 30 * testing::kDegree, -45 * testing::kDegree, 0.0;
@@ -208,38 +207,6 @@ TEST(MeasuringPlan, ComesBackFromItsFile) {
     EXPECT_THAT(csv, ::testing::HasSubstr(behind == nullptr ? ",joint_1[deg]," : ",J1[deg],"));
     EXPECT_THAT(csv, ::testing::StartsWith("# one line\nconfiguration,target,"));
   }
-}
-
-TEST(MeasuringPlan, ShowsThePendantsAngles) {
-  const Robot robot = testing::fanuc();
-  const JointConvention convention = pendant(robot);
-  Eigen::VectorXd q(6);
-  q << 10, 20, 30, 40, 50, 60;
-  const std::string csv = plan_csv(plan_of(q * testing::kDegree), robot.joints, &convention);
-  // J2 = -q2, J3 = q3 + q2, J4 = -q4, J6 = -q6
-  EXPECT_THAT(csv, ::testing::HasSubstr("1,A,10,-20,50,-40,50,-60,,,\n"));
-  EXPECT_THAT(csv, ::testing::HasSubstr("1,\"B, left\",10,-20,50,-40,50,-60,,,\n"));
-}
-
-TEST(MeasuringPlan, IsReadAsMeasurementsOnceItIsFilledIn) {
-  const Robot robot = testing::fanuc();
-  std::string csv = plan_csv(plan_of(MatrixXd::Constant(6, 1, 0.25)), robot.joints);
-  EXPECT_THAT(testing::refusal([&] { parse_measurements(csv, joint_names(robot), nullptr, "plan.csv"); }),
-              ::testing::HasSubstr("plan.csv:3: x[m]"));
-  for (std::size_t at = csv.find(",,,"); at != std::string::npos; at = csv.find(",,,", at)) {
-    csv.replace(at, 3, ",1,2,3");
-  }
-  const Measurements read = parse_measurements(csv, joint_names(robot));
-  EXPECT_EQ(read.observations.at(1).position, Eigen::Vector3d(1, 2, 3));
-}
-
-TEST(MeasuringPlan, ReadsConfigurationsOfHalfMeasuredFiles) {
-  const std::string csv =
-      "x[mm];z[mm];y[mm];j;configuration;target\n# nothing yet\n;;;1;1;A\n1;2;3;0.5;2;A\n 4;\t;;0.75;3;A\n";
-  const Measurements read = parse_configurations(csv, {"j"});
-  EXPECT_EQ(read.joint_values, (MatrixXd(1, 3) << 1, 0.5, 0.75).finished());
-  EXPECT_THROW(parse_configurations("x[m],y[m],z[m],j,configuration,target\n,,,,1,A\n", {"j"}), InputError);
-  EXPECT_THROW(read_configurations("/no/such/plan.csv", {"j"}), InputError);
 }
 
 TEST(MeasuringPlan, RefusesNamesThatNoFileCanHold) {

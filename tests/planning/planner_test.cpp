@@ -15,6 +15,7 @@
 #include "effects/joint_effects.hpp"
 #include "estimation/least_squares.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "planning/measuring_plan.hpp"
 #include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "results/result_json.hpp"
@@ -122,27 +123,19 @@ PlanRequest small_request() {
   return request;
 }
 
-// The sheet is the chosen candidates in another order, and the way takes as long as the slowest joint each time.
+// The sheet is the chosen candidates in another order.
 void expect_a_way_through_what_was_chosen(const PlanRequest& request, const Plan& plan) {
   const MatrixXd& way = plan.sheet.joint_values;
   ASSERT_EQ(static_cast<std::size_t>(way.cols()), plan.selection.chosen.size());
-  double seconds = 0.0;
-  Eigen::VectorXd here = request.home.size() > 0 ? request.home : Eigen::VectorXd::Zero(way.rows());
   std::set<Index> left(plan.selection.chosen.begin(), plan.selection.chosen.end());
   for (const auto& q : way.colwise()) {
-    double longest = 0.0;
-    for (Index i = 0; i < way.rows(); ++i) {
-      const double velocity = request.robot.joints[static_cast<std::size_t>(i)].velocity.value_or(1.0);
-      longest = std::max(longest, std::abs(q[i] - here[i]) / velocity);
-    }
-    seconds += longest;
-    here = q;
     const auto found =
         std::find_if(left.begin(), left.end(), [&](Index c) { return plan.drawn.joint_values.col(c) == q; });
     ASSERT_NE(found, left.end()) << "not chosen, or twice";
     left.erase(found);
   }
-  EXPECT_NEAR(plan.seconds, seconds, 1e-9);
+  const Eigen::VectorXd home = request.home.size() > 0 ? request.home : Eigen::VectorXd::Zero(way.rows());
+  EXPECT_NEAR(plan.seconds, way_time(request.robot.joints, home, way), 1e-9);
   EXPECT_EQ(plan.drawn.joint_values.cols(), request.candidates + request.workspace);
 }
 
@@ -215,8 +208,7 @@ TEST(Planner, OnTopOfACalibrationKnowsWhatItSaysOfItsColumns) {
   const auto sigma = [&](double scale, bool open) {
     SavedCalibration known;
     known.model = complete_model(request.robot);
-    known.estimate = {.errors = Eigen::VectorXd::Zero(static_cast<Index>(known.model.parameters.size())),
-                      .targets = request.targets};
+    known.estimate = {.errors = testing::errors_of(known.model), .targets = request.targets};
     known.free = Unknowns(known.model, request.targets, {"base.Tx", "dq2", "dq3", "Rx1", "Tx1", "Tz2", "A.x"});
     known.covariance = scale * MatrixXd::Identity(known.free.size(), known.free.size());
     if (open) {

@@ -79,13 +79,13 @@ TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
 
   // The points, by hand through KDL.
   double largest = 0.0;
-  for (const auto& column : q.colwise()) {
-    const Eigen::Isometry3d estimated = to_eigen(testing::kdl_pose(error_chain(model, estimate.errors), column));
-    const Eigen::Isometry3d exact = to_eigen(testing::kdl_pose(error_chain(model, truth.errors), column));
-    for (std::size_t t = 0; t < 3; ++t) {
-      const Eigen::Vector3d a = estimate.X_WB * (estimated * estimate.targets[t].X_FT.translation());
-      const Eigen::Vector3d b = truth.X_WB * (exact * truth.targets[t].X_FT.translation());
-      largest = std::max(largest, (a - b).norm());
+  const KDL::Chain estimated = error_chain(model, estimate.errors);
+  const KDL::Chain exact = error_chain(model, truth.errors);
+  for (const auto& at : q.colwise()) {
+    for (int t = 0; t < 3; ++t) {
+      const Eigen::Vector3d off =
+          testing::kdl_point(estimated, estimate, at, t) - testing::kdl_point(exact, truth, at, t);
+      largest = std::max(largest, off.norm());
     }
   }
   EXPECT_NEAR(found.points.max, largest, 1e-12);
@@ -166,10 +166,9 @@ TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
   const KDL::Chain chain = error_chain(model, truth.errors);
   double squares = 0.0;
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    const Eigen::Isometry3d with = to_eigen(testing::kdl_pose(chain, moved.col(c)));
-    const Eigen::Isometry3d without = to_eigen(testing::kdl_pose(chain, q.col(c)));
-    for (const TargetFrame& target : truth.targets) {
-      squares += (with * target.X_FT.translation() - without * target.X_FT.translation()).squaredNorm();
+    for (int t = 0; t < 3; ++t) {
+      squares += (testing::kdl_point(chain, truth, moved.col(c), t) - testing::kdl_point(chain, truth, q.col(c), t))
+                     .squaredNorm();
     }
   }
   const double rms = std::sqrt(squares / static_cast<double>(missing.points.count));

@@ -71,13 +71,6 @@ TEST_F(TwoStepTrialTest, TellsTheShareOfTheRoundsThatAreDone) {
   EXPECT_EQ(shares, (std::vector<double>{0.25, 0.5, 0.75, 1.0}));
 }
 
-TEST_F(TwoStepTrialTest, TenRoundsWithoutNoiseAreNotEnough) {
-  const TwoStepTrialResult result = run(1, 10);
-  EXPECT_EQ(result.rounds.size(), 10U);
-  EXPECT_FALSE(result.settled);
-  EXPECT_GT(result.truth.points.max, 1e-6);
-}
-
 TEST_F(TwoStepTrialTest, WithNoiseItSettlesWhereNoiseAloneMovesIt) {
   const double sigma = 3e-5;
   const TwoStepTrialResult result = run(2, 60, false, sigma);

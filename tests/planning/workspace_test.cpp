@@ -4,7 +4,6 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
 #include <kdl/chainfksolverpos_recursive.hpp>
@@ -17,13 +16,17 @@
 #include "kdl_calibration/input_error.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::workspace_test {
 namespace {
 
 using Eigen::Vector3d;
+using ::testing::AllOf;
 using testing::circle_of_targets;
+using ::testing::HasSubstr;
 using testing::kDegree;
+using ::testing::Not;
 
 Cell full_cell(const Robot& robot) {
   const ErrorModel model = complete_model(robot);
@@ -171,16 +174,6 @@ TEST(Workspace, SatisfiesEveryConstraintByIndependentCode) {
   }
 }
 
-TEST(Workspace, NamesWhatAConfigurationViolates) {
-  const Robot robot = testing::fanuc();
-  Cell cell;
-  cell.ranges = limits_of(robot.joints);
-  cell.height = 1.0;
-  cell.radius = 5.0;
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(6);
-  EXPECT_THAT(violated(robot, circle_of_targets(), cell, zero), ::testing::ElementsAre("least radius 5000 mm"));
-}
-
 TEST(Workspace, MeasuresTheRadiusFromTheFirstAxis) {
   const Robot robot = testing::fanuc();
   Cell cell;
@@ -198,16 +191,6 @@ TEST(Workspace, MeasuresTheRadiusFromTheFirstAxis) {
   EXPECT_TRUE(violated(robot, circle_of_targets(), cell, upright).empty());
   cell.radius = nearest + 1e-6;
   EXPECT_EQ(violated(robot, circle_of_targets(), cell, upright).size(), 1U);
-}
-
-TEST(Workspace, SumsOfJointsCountTheirOffset) {
-  const Robot robot = testing::fanuc();
-  Cell cell;
-  cell.ranges = limits_of(robot.joints);
-  cell.sums.push_back({.name = "elbow", .weights = Eigen::VectorXd::Unit(6, 2), .offset = 0.3, .upper = 0.5});
-  EXPECT_TRUE(violated(robot, circle_of_targets(), cell, 0.1 * Eigen::VectorXd::Unit(6, 2)).empty());
-  EXPECT_THAT(violated(robot, circle_of_targets(), cell, 0.3 * Eigen::VectorXd::Unit(6, 2)),
-              ::testing::ElementsAre("range of elbow"));
 }
 
 TEST(Workspace, DoesNotDependOnTheThreads) {
@@ -240,43 +223,27 @@ TEST(Workspace, SaysWhichConstraintRemovesHowMany) {
   cell.ranges = limits_of(robot.joints);
   cell.height = 0.2;
   cell.radius = 4.0;  // beyond reach
-  try {
-    candidates(robot, circle_of_targets(), cell, {.count = 10, .most_samples = 2000});
-    FAIL() << "found candidates that cannot be";
-  } catch (const InputError& error) {
-    // Counted independently: the same samples, one constraint at a time.
-    long low = 0;
-    for (int k = 0; k < 2000; ++k) {
-      Random random(1, static_cast<std::uint64_t>(k));
-      Eigen::VectorXd q(6);
-      for (std::size_t i = 0; i < 6; ++i) {
-        q[static_cast<Eigen::Index>(i)] = random.uniform(cell.ranges[i].first, cell.ranges[i].second);
-      }
-      const Scene now = scene(robot, cell, q);
-      low += std::any_of(now.targets.begin(), now.targets.end(), [](const Vector3d& p) { return p.z() < 0.2; });
-    }
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("leave 0 of 2000 sampled configurations, expected 10"));
-    EXPECT_THAT(error.what(),
-                ::testing::HasSubstr("least height 200 mm removes " + std::to_string(low) + " (0 alone)"));
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("least radius 4000 mm removes 2000 (" + std::to_string(2000 - low)));
-    EXPECT_THAT(error.what(), ::testing::Not(::testing::HasSubstr("\n")));
+  // Counted independently: the same samples, one constraint at a time.
+  long low = 0;
+  for (std::uint64_t k = 0; k < 2000; ++k) {
+    Random random(1, k);
+    const Scene now = scene(robot, cell, random_configurations(cell.ranges, 1, random).col(0));
+    low += std::any_of(now.targets.begin(), now.targets.end(), [](const Vector3d& p) { return p.z() < 0.2; });
   }
+  EXPECT_THAT(
+      testing::refusal([&] { candidates(robot, circle_of_targets(), cell, {.count = 10, .most_samples = 2000}); }),
+      AllOf(HasSubstr("leave 0 of 2000 sampled configurations, expected 10"),
+            HasSubstr("least height 200 mm removes " + std::to_string(low) + " (0 alone)"),
+            HasSubstr("least radius 4000 mm removes 2000 (" + std::to_string(2000 - low)), Not(HasSubstr("\n"))));
 }
-
-// ---- Limits at their exact value ------------------------------------------------------------------------------------
 
 // Three slides along x, y and z: the flange stands where the joint values say, to the last bit.
 Robot gantry() {
-  std::string urdf = "<robot name='gantry'><link name='l0'/><link name='l1'/><link name='l2'/><link name='l3'/>";
-  const std::array<std::string, 3> axes = {"1 0 0", "0 1 0", "0 0 1"};
-  for (int i = 0; i < 3; ++i) {
-    const std::string from = std::to_string(i);
-    const std::string to = std::to_string(i + 1);
-    urdf += "<joint name='j" + to + "' type='prismatic'><parent link='l" + from + "'/><child link='l" + to +
-            "'/><axis xyz='" + axes[static_cast<std::size_t>(i)] +
-            "'/><limit lower='-8' upper='8' velocity='1' effort='1'/></joint>";
+  std::vector<testing::urdf::Part> slides;
+  for (const std::string axis : {"1 0 0", "0 1 0", "0 0 1"}) {
+    slides.push_back({"prismatic", "<axis xyz='" + axis + "'/>" + testing::urdf::limit("-8:8")});
   }
-  return parse_robot(urdf + "</robot>");
+  return parse_robot(testing::urdf::serial(slides));
 }
 
 // One target at the flange's origin.
@@ -345,25 +312,15 @@ TEST(WorkspaceLimits, ConstraintsAre64) {
   g.expect_violates("keep-out sphere 64", 0.0, 0.0, 0.0);
   g.expect_holds(2.0, 0.0, 0.0);
   g.cell.out_spheres.push_back(far);
-  try {
-    g.at(0.0, 0.0, 0.0);
-    FAIL() << "65 constraints were taken";
-  } catch (const InputError& error) {
-    EXPECT_STREQ(error.what(), "the cell has 65 constraints, expected at most 64");
-  }
+  EXPECT_EQ(testing::refusal([&] { g.at(0.0, 0.0, 0.0); }), "the cell has 65 constraints, expected at most 64");
 }
 
 TEST(WorkspaceLimits, GivesUpAfter100000SamplesAnd200ForEachCandidate) {
   Gantry g;
   g.cell.height = 9.0;  // beyond the limit of the joint
-  try {
-    candidates(g.robot, g.targets, g.cell, {.count = 7});
-    FAIL() << "found candidates that cannot be";
-  } catch (const InputError& error) {
-    EXPECT_STREQ(error.what(),
-                 "the constraints leave 0 of 101400 sampled configurations, expected 7; least height "
-                 "9000 mm removes 101400 (101400 alone)");
-  }
+  EXPECT_EQ(testing::refusal([&] { candidates(g.robot, g.targets, g.cell, {.count = 7}); }),
+            "the constraints leave 0 of 101400 sampled configurations, expected 7; least height 9000 mm removes 101400 "
+            "(101400 alone)");
 }
 
 TEST(WorkspaceLimits, BoxHeightAndRadiusHoldOnTheirBoundary) {
@@ -379,10 +336,6 @@ TEST(WorkspaceLimits, BoxHeightAndRadiusHoldOnTheirBoundary) {
       box.expect_violates("workspace box", p.x(), p.y(), p.z());
     }
   }
-  Gantry open;  // a box of one side alone
-  open.cell.box.upper.y() = 1.0;
-  open.expect_holds(-7.0, 1.0, 7.0);
-  open.expect_violates("workspace box", -7.0, just_above(1.0), 7.0);
   Gantry high;
   high.cell.height = 0.5;
   high.expect_holds(0.0, 0.0, 0.5);
@@ -491,8 +444,6 @@ TEST(WorkspaceLimits, RangesAreKeptWhenJointValuesAreRounded) {
   EXPECT_EQ(q.rowwise().maxCoeff(), most);
 }
 
-// ---- Line of sight by link ------------------------------------------------------------------------------------------
-
 // Which capsules the segment goes through, by points strewn over both.
 std::vector<std::size_t> in_the_way(const Cell& cell, const Scene& now, const Vector3d& from, const Vector3d& to,
                                     double margin) {
@@ -526,10 +477,7 @@ TEST(Workspace, EachLinkAloneStopsTheBeam) {
   std::vector<bool> tested(cell.body.size(), false);
   Random random(6);
   for (int trial = 0; trial < 4000 && std::find(tested.begin(), tested.end(), false) != tested.end(); ++trial) {
-    Eigen::VectorXd q(6);
-    for (std::size_t i = 0; i < 6; ++i) {
-      q[static_cast<Eigen::Index>(i)] = random.uniform(cell.ranges[i].first, cell.ranges[i].second);
-    }
+    const Eigen::VectorXd q = random_configurations(cell.ranges, 1, random);
     const Scene now = scene(robot, cell, q);
     const std::size_t wanted = random.bits() % cell.body.size();
     const std::vector<TargetFrame> targets =

@@ -11,19 +11,16 @@
 namespace kdl_calibration::calibrated_urdf_test {
 namespace {
 
+using testing::errors_of;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-Eigen::VectorXd no_errors(const ErrorModel& model) {
-  return Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-}
-
 TEST(CalibratedUrdf, EachErrorCorrectsTheOriginOfItsJointHoweverSmall) {
   const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  EXPECT_THAT(origin_corrections(model, no_errors(model)), IsEmpty());
+  EXPECT_THAT(origin_corrections(model, errors_of(model)), IsEmpty());
   int of_the_tip = 0;
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    Eigen::VectorXd errors = no_errors(model);
+    Eigen::VectorXd errors = errors_of(model);
     errors[static_cast<Eigen::Index>(p)] = 1e-9;
     const std::vector<OriginCorrection> corrections = origin_corrections(model, errors);
     const int frame = model.parameters[p].frame;
@@ -38,7 +35,7 @@ TEST(CalibratedUrdf, EachErrorCorrectsTheOriginOfItsJointHoweverSmall) {
 TEST(CalibratedUrdf, WhatNoJointCarriesIsRefused) {
   ErrorModel model = complete_model(parse_robot(testing::kOddArm));
   model.tip_joint.clear();
-  Eigen::VectorXd errors = no_errors(model);
+  Eigen::VectorXd errors = errors_of(model);
   errors[0] = 1e-3;
   EXPECT_EQ(origin_corrections(model, errors).size(), 1U) << "of the first joint";
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {

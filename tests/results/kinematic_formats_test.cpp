@@ -50,21 +50,11 @@ std::vector<Robot> arms() { return {testing::fanuc(), skew_arm(), parse_robot(te
 
 using Origins = std::map<std::string, KDL::Frame>;
 
-/// The chain of `robot` with other origins of these joints.
 KDL::Chain chain_with(const Robot& robot, const Origins& origins) {
-  KDL::Chain chain;
-  std::size_t moving = 0;
-  for (const KDL::Segment& segment : robot.chain.segments) {
+  return testing::chain_with(robot, [&](const KDL::Segment& segment) {
     const std::string& name = segment.getJoint().getName();
-    const KDL::Frame origin = origins.contains(name) ? origins.at(name) : segment.pose(0.0);
-    chain.addSegment(KDL::Segment(KDL::Joint(KDL::Joint::Fixed), origin));
-    if (segment.getJoint().getType() != KDL::Joint::Fixed) {
-      const MovingJoint& joint = robot.joints[moving++];
-      const auto type = joint.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
-      chain.addSegment(KDL::Segment(KDL::Joint(KDL::Vector::Zero(), joint.axis, type)));
-    }
-  }
-  return chain;
+    return origins.contains(name) ? origins.at(name) : segment.pose(0.0);
+  });
 }
 
 void expect_same(const KDL::Chain& a, const Robot& b) {
@@ -145,9 +135,7 @@ TEST(KinematicFormats, UrYamlHasTheOriginsByTheirNames) {
 
 TEST(KinematicFormats, ParametersHaveUnitsAndDeviationsWhereTheyAreKnown) {
   const ErrorModel model = complete_model(testing::fanuc());
-  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.01;
-  errors[static_cast<Eigen::Index>(parameter_index(model, "Tz2"))] = 0.002;
+  const Eigen::VectorXd errors = testing::errors_of(model, {{"dq2", 0.01}, {"Tz2", 0.002}});
   const std::vector<ParameterEstimate> estimates = {
       {.name = "Tz2", .joint = {}, .axis = {}, .error = 0.002, .std = 1e-5},
       {.name = "Ty1", .joint = {}, .axis = {}, .error = 0.5, .std = 1e-5},

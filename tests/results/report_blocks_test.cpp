@@ -13,6 +13,7 @@
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/prediction.hpp"
+#include "json_support.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -26,22 +27,10 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using testing::frame_of;
+using testing::vector_of;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-Vector3d vector_of(const Json& json) {
-  return {json.at(0).get<double>(), json.at(1).get<double>(), json.at(2).get<double>()};
-}
-
-Eigen::Isometry3d frame_of(const Json& numbers) {
-  Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
-  for (int i = 0; i < 12; ++i) {
-    frame.matrix()(i / 4, i % 4) = numbers.at(static_cast<std::size_t>(i)).get<double>();
-  }
-  return frame;
-}
-
-// ---- the arm -------------------------------------------------------------------------------------------------------
 
 /// The odd arm with a box, a cylinder and a sphere, and a mesh that is not drawn.
 std::string shaped_arm() {
@@ -120,12 +109,9 @@ TEST(ReportBlocks, AnArmOfWrongShapesHasNone) {
   urdf.replace(urdf.find("radius=\"0.07\""), 13, "radius=\"-1.0\"");
   const Robot robot = parse_robot(urdf);
   const ErrorModel model = complete_model(robot);
-  const Estimate nominal{
-      .errors = VectorXd::Zero(static_cast<Index>(model.parameters.size())), .targets = {}, .effects = {}};
+  const Estimate nominal{.errors = testing::errors_of(model), .targets = {}, .effects = {}};
   EXPECT_EQ(robot_block(robot, model, nominal)["shapes"], Json::array());
 }
-
-// ---- what was measured ---------------------------------------------------------------------------------------------
 
 /// The odd arm with effects, of which the last configurations are test rows.
 struct Measured : testing::VirtualExperiment {
@@ -284,8 +270,6 @@ TEST(ReportBlocks, JointsOfAConventionAreTheControllers) {
   EXPECT_NEAR(block["ranges"][1][0], lower, 1e-15);
 }
 
-// ---- which rows ----------------------------------------------------------------------------------------------------
-
 TEST(ReportBlocks, ShownRowsAreAllUpTo3000AndOfMoreTheLargestAreAmongThem) {
   Random random(7);
   for (const std::size_t count : {0U, 1U, 2999U, 3000U, 3001U, 7003U}) {
@@ -314,8 +298,6 @@ TEST(ReportBlocks, ShownRowsAreAllUpTo3000AndOfMoreTheLargestAreAmongThem) {
     }
   }
 }
-
-// ---- effects -------------------------------------------------------------------------------------------------------
 
 /// A saved result of every effect that is a function of joint values, and one that is not.
 struct Saved {
@@ -453,8 +435,6 @@ TEST(ReportBlocks, ShortRangesOfRippleAreShownWhole) {
   EXPECT_NEAR(curve[0][0], lower, 1e-12);
   EXPECT_NEAR(curve[300][0], upper, 1e-12);
 }
-
-// ---- correlations --------------------------------------------------------------------------------------------------
 
 Json written(const MatrixXd& C) {
   Json names = Json::array();

@@ -23,7 +23,7 @@ struct Rows {
   explicit Rows(const std::vector<double>& off) {
     calibration.model = complete_model(testing::fanuc());
     Estimate& estimate = calibration.fit.identification.estimate;
-    estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(calibration.model.parameters.size()));
+    estimate.errors = testing::errors_of(calibration.model);
     estimate.targets = testing::targets_at({{0.0, 0.0, 0.0}, {0.0, 0.0, 0.1}});
     measured.joint_values = Eigen::MatrixXd::Zero(6, 2);
     measured.configurations = {"first", "second"};

@@ -8,7 +8,6 @@
 #include <clocale>
 #include <cmath>
 #include <fstream>
-#include <functional>
 #include <iterator>
 #include <limits>
 #include <locale>
@@ -17,13 +16,11 @@
 #include <regex>
 #include <set>
 
-#include "base/sha256.hpp"
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
 #include "german_locale.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -35,7 +32,6 @@
 #include "refusal.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "results/result_table.hpp"
-#include "robot/joint_ranges.hpp"
 #include "validation/validation.hpp"
 #include "virtual_experiment.hpp"
 
@@ -209,11 +205,10 @@ Case made_up() {
   c.measurements.observations = {{.configuration = 0, .target = 1}, {.configuration = 1, .target = 0}};
   CalibrationResult& found = c.calibration;
   found.model = complete_model(parse_robot(kOddArm));
-  const auto count = static_cast<Eigen::Index>(found.model.parameters.size());
   found.fit.identification = {.termination = Termination::stalled, .message = "stands", .iterations = 7};
   found.fit.identification.rms_history = {0.5, 0.25};
   Estimate& estimate = found.fit.identification.estimate;
-  estimate.errors = Eigen::VectorXd::Zero(count);
+  estimate.errors = testing::errors_of(found.model);
   estimate.targets = testing::targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}});
   estimate.X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(-0.6, 0.0, 0.0, 0.8);
   found.exported.estimate = estimate;
@@ -452,8 +447,6 @@ TEST(ResultJson, NamesTheProgram) {
             (Json{{"name", "kdl_calibration"}, {"version", version_of_the_project()}}));
 }
 
-// ---- which fields --------------------------------------------------------------------------------------------------
-
 TEST(ResultJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
   const auto has = [](const std::string& name, const char* pointer) {
     return case_of(name).result.contains(Json::json_pointer(pointer));
@@ -490,8 +483,6 @@ TEST(ResultJson, ACalibrationOfEachSortHasTheFieldsOfThatSort) {
     }
   }
 }
-
-// ---- figures -------------------------------------------------------------------------------------------------------
 
 /// KDL's pose of the flange for each configuration.
 std::vector<KDL::Frame> kdl_poses(const ErrorModel& model, const Estimate& estimate, const Eigen::MatrixXd& q) {
@@ -688,8 +679,6 @@ TEST(ResultJson, WhatIsNotDeterminedIsNullAndTheRestIsNot) {
   EXPECT_TRUE(case_of("plain").result["influence"]["configurations"][0]["cook"].is_number());
 }
 
-// ---- the table of the same calibrations ----------------------------------------------------------------------------
-
 TEST(ResultTableOfCalibrations, IsAtMostEightyColumnsWide) {
   for (const Case& c : cases()) {
     for (const std::string& line : testing::lines_of(result_table(c.measurements, c.calibration, {.details = true}))) {
@@ -714,8 +703,6 @@ TEST(ResultTableOfCalibrations, BeginsWithTheVerdictAndWhereTheAnswerIs) {
   EXPECT_EQ(table.rfind("NOT TO BE TRUSTED: the fit did not converge", 0), 0U) << table;
   EXPECT_EQ(table.find("geometric errors"), std::string::npos) << table;
 }
-
-// ---- the model's JSON ----------------------------------------------------------------------------------------------
 
 TEST(ModelJson, ListsWhatIsKeptAndTheGaugeInDeclaredOrder) {
   const ErrorModel model = complete_model(fanuc());
@@ -743,8 +730,6 @@ TEST(ModelJson, ListsWhatIsKeptAndTheGaugeInDeclaredOrder) {
   EXPECT_EQ(*length, Json::parse(R"({"name": "Tz2", "joint": "joint_3", "kind": "translation", "axis": "z",
       "nominal": 1.075, "identifiable": true, "gauge": false})"));
 }
-
-// ---- locales -------------------------------------------------------------------------------------------------------
 
 /// Everything that the library reads and writes, as one text.
 std::string everything() {

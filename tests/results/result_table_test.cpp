@@ -39,7 +39,7 @@ struct Made {
                         .axis = EffectAxis::across_y,
                         .function = GravityMoment{.link = 3, .axis = 0}}};
     Estimate& estimate = c.fit.identification.estimate;
-    estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(c.model.parameters.size()));
+    estimate.errors = testing::errors_of(c.model);
     estimate.effects = Eigen::Vector2d(0.002, 0.0);
     estimate.X_WB = Eigen::Translation3d(1.5, -2.25, 0.125) *
                     Eigen::AngleAxisd(30.0 * kDegree, Eigen::Vector3d::UnitZ()) *
@@ -64,9 +64,8 @@ struct Made {
     c.accuracy.train.after = {.count = 12, .mean = 0.11e-3, .rms = 0.12e-3, .p95 = 0.19e-3, .max = 0.2e-3};
     c.accuracy.iso_before.accuracy = c.accuracy.train.before;
     c.accuracy.iso_after.accuracy = c.accuracy.train.after;
-    c.offsets_alone = {.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(c.model.parameters.size())),
+    c.offsets_alone = {.errors = testing::errors_of(c.model, {{"dq4", 0.25 * kDegree}}),
                        .accuracy = {.count = 12, .rms = 0.9e-3}};
-    c.offsets_alone->errors[static_cast<Eigen::Index>(parameter_index(c.model, "dq4"))] = 0.25 * kDegree;
     c.noise = {.source = NoiseSource::residuals, .sigma = 1e-4, .independent = Eigen::Vector3d::Constant(3e-5)};
     add_parameters();
     add_influence();

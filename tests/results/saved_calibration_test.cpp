@@ -20,7 +20,6 @@
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "effects/effect_terms.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "results/calibrated_urdf.hpp"
@@ -118,18 +117,6 @@ TEST(SavedCalibration, HasTheCovarianceAndWhatItIsOf) {
   EXPECT_TRUE(read.covariance.triangularView<Eigen::Lower>().toDenseMatrix() ==
               wrote.uncertainty.covariance.triangularView<Eigen::Lower>().toDenseMatrix());
   EXPECT_TRUE(read.covariance == read.covariance.transpose());
-}
-
-TEST(SavedCalibration, PredictsAsTheCalibrationDid) {
-  const CalibrationResult& wrote = written().calibration;
-  const SavedCalibration read = parse_calibration(written().json, written().robot);
-  const auto X_BF = flange_poses(read, written().measured.joint_values);
-  const auto expected = flange_poses(wrote.model, wrote.fit.identification.estimate, written().measured.joint_values);
-  for (std::size_t c = 0; c < X_BF.size(); ++c) {
-    EXPECT_LT((X_BF[c].matrix() - expected[c].matrix()).norm(), 1e-12);
-  }
-  EXPECT_NEAR(error_statistics(position_errors(X_BF, read.estimate, written().measured)).rms,
-              wrote.accuracy.train.after.rms, 1e-12);
 }
 
 TEST(SavedCalibration, KeepsTheDoubts) {

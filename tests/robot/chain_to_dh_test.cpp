@@ -9,6 +9,7 @@
 #include "base/number_text.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::chain_to_dh_test {
 namespace {
@@ -21,16 +22,12 @@ struct JointText {
 };
 
 Robot arm_of(const std::vector<JointText>& joints) {
-  std::string urdf = "<robot name=\"arm\"><link name=\"l0\"/>";
-  for (std::size_t i = 0; i < joints.size(); ++i) {
-    const JointText& j = joints[i];
-    urdf += fmt::format(
-        "<link name=\"l{1}\"/><joint name=\"j{1}\" type=\"{5}\"><parent link=\"l{0}\"/><child link=\"l{1}\"/>"
-        "<origin xyz=\"{2}\" rpy=\"{3}\"/><axis xyz=\"{4}\"/>"
-        "<limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint>",
-        i, i + 1, j.xyz, j.rpy, j.axis, j.type);
+  std::vector<testing::urdf::Part> parts;
+  for (const JointText& j : joints) {
+    parts.push_back({j.type, fmt::format("<origin xyz='{}' rpy='{}'/><axis xyz='{}'/>", j.xyz, j.rpy, j.axis) +
+                                 testing::urdf::limit("-1:1")});
   }
-  return parse_robot(urdf + "</robot>");
+  return parse_robot(testing::urdf::serial(parts));
 }
 
 /// n joints anywhere, skew to each other; every third one slides where `sliding`.

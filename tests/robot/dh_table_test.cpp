@@ -4,13 +4,12 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
-#include <array>
 #include <cmath>
 #include <fstream>
+#include <sstream>
 
 #include "base/text.hpp"
 #include "refusal.hpp"
-#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::dh_table_test {
@@ -21,7 +20,7 @@ using testing::kDegree;
 
 /// a [mm], alpha [deg], d [mm], theta [deg], and whether the joint slides.
 struct Line {
-  double a, alpha, d, theta;
+  double a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0;
   bool slides = false;
 };
 
@@ -29,47 +28,28 @@ struct Published {
   std::string name;
   DhConvention convention;
   std::vector<Line> lines;
+
+  /// Of numbers and, behind those of a joint that slides, an s.
+  Published(const std::string& of, DhConvention by, const std::string& table) : name(of), convention(by) {
+    std::istringstream rows(table);
+    for (std::string row; std::getline(rows, row, ',');) {
+      std::istringstream numbers(row);
+      Line& line = lines.emplace_back();
+      numbers >> line.a >> line.alpha >> line.d >> line.theta;
+      line.slides = row.back() == 's';
+    }
+  }
 };
 
 /// The makers' and textbooks' tables.
 std::vector<Published> published_tables() {
   using enum DhConvention;
-  return {
-      {"UR5",
-       standard,
-       {{0, 90, 89.159, 0},
-        {-425, 0, 0, 0},
-        {-392.25, 0, 0, 0},
-        {0, 90, 109.15, 0},
-        {0, -90, 94.65, 0},
-        {0, 0, 82.3, 0}}},
-      {"UR10",
-       standard,
-       {{0, 90, 127.3, 0},
-        {-612, 0, 0, 0},
-        {-572.3, 0, 0, 0},
-        {0, 90, 163.941, 0},
-        {0, -90, 115.7, 0},
-        {0, 0, 92.2, 0}}},
-      {"Puma560",
-       standard,
-       {{0, 90, 0, 0}, {431.8, 0, 0, 0}, {20.3, -90, 150.05, 0}, {0, 90, 431.8, 0}, {0, -90, 0, 0}, {0, 0, 0, 0}}},
-      {"Puma560OfCraig",
-       modified,
-       {{0, 0, 0, 0}, {0, -90, 0, 0}, {431.8, 0, 150.05, 0}, {20.3, -90, 431.8, 0}, {0, 90, 0, 0}, {0, -90, 0, 0}}},
-      {"StanfordArm",
-       standard,
-       {{0, -90, 412, 0}, {0, 90, 154, 0}, {0, 0, 0, -90, true}, {0, -90, 0, 0}, {0, 90, 0, 0}, {0, 0, 263, 0}}},
-      {"Panda",
-       modified,
-       {{0, 0, 333, 0},
-        {0, -90, 0, 0},
-        {0, 90, 316, 0},
-        {82.5, 90, 0, 0},
-        {-82.5, -90, 384, 0},
-        {0, 90, 0, 0},
-        {88, 90, 0, 0}}},
-  };
+  return {{"UR5", standard, "0 90 89.159 0,-425 0 0 0,-392.25 0 0 0,0 90 109.15 0,0 -90 94.65 0,0 0 82.3 0"},
+          {"UR10", standard, "0 90 127.3 0,-612 0 0 0,-572.3 0 0 0,0 90 163.941 0,0 -90 115.7 0,0 0 92.2 0"},
+          {"Puma560", standard, "0 90 0 0,431.8 0 0 0,20.3 -90 150.05 0,0 90 431.8 0,0 -90 0 0,0 0 0 0"},
+          {"Puma560OfCraig", modified, "0 0 0 0,0 -90 0 0,431.8 0 150.05 0,20.3 -90 431.8 0,0 90 0 0,0 -90 0 0"},
+          {"StanfordArm", standard, "0 -90 412 0,0 90 154 0,0 0 0 -90 s,0 -90 0 0,0 90 0 0,0 0 263 0"},
+          {"Panda", modified, "0 0 333 0,0 -90 0 0,0 90 316 0,82.5 90 0 0,-82.5 -90 384 0,0 90 0 0,88 90 0 0"}};
 }
 
 /// The matrix as Denavit and Hartenberg (1955) and Craig (1986, equation 3.6) print it.

@@ -11,13 +11,13 @@
 #include <fstream>
 
 #include "calibration/calibrate.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
 #include "planning/measuring_plan.hpp"
 #include "planning/simulation.hpp"
 #include "planning/workspace.hpp"
 #include "refusal.hpp"
 #include "results/calibrated_urdf.hpp"
+#include "urdf_text.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::mimic_test {
@@ -29,6 +29,10 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::VirtualExperiment;
+using testing::urdf::joint;
+using testing::urdf::limit;
+using testing::urdf::links;
+using testing::urdf::robot_of;
 
 constexpr double kDegree = testing::kDegree;
 
@@ -37,35 +41,18 @@ struct Follows {
   std::string hand = R"(<mimic joint="forearm" multiplier="2" offset="0.1"/>)";
 };
 
-std::string joint(const std::string& name, const std::string& type, const std::string& parent, const std::string& child,
-                  const std::string& content) {
-  return "<joint name='" + name + "' type='" + type + "'><parent link='" + parent + "'/><child link='" + child + "'/>" +
-         content + "</joint>\n";
-}
-
-/// "lower:upper"
-std::string limit(const std::string& range) {
-  const std::size_t colon = range.find(':');
-  return "<limit lower='" + range.substr(0, colon) + "' upper='" + range.substr(colon + 1) +
-         "' velocity='1' effort='1'/>";
-}
-
 /// turn, forearm (follows elbow, which stands behind it), slide, elbow, roll, hand (follows forearm), tool.
 std::string mimic_urdf(const Follows& follows = {}, const std::string& forearm_limit = "-2.9:2.9") {
-  std::string text = "<robot name='follower'>";
-  for (const char* link : {"base", "l1", "l2", "l3", "l4", "l5", "l6", "tool"}) {
-    text += "<link name='" + std::string(link) + "'/>";
-  }
-  text += joint("turn", "revolute", "base", "l1", "<origin xyz='0 0 0.5'/><axis xyz='0 0 1'/>" + limit("-3:3"));
-  text +=
+  return robot_of(
+      links({"base", "l1", "l2", "l3", "l4", "l5", "l6", "tool"}) +
+      joint("turn", "revolute", "base", "l1", "<origin xyz='0 0 0.5'/><axis xyz='0 0 1'/>" + limit("-3:3")) +
       joint("forearm", "revolute", "l1", "l2",
-            "<origin xyz='0.3 0 0.2' rpy='0.1 0 0.2'/><axis xyz='0 1 0'/>" + limit(forearm_limit) + follows.forearm);
-  text += joint("slide", "prismatic", "l2", "l3", "<origin xyz='0 0.1 0.6'/><axis xyz='0 0 1'/>" + limit("-0.2:0.3"));
-  text += joint("elbow", "revolute", "l3", "l4", "<origin xyz='0.4 0 0.1'/><axis xyz='0 1 0.2'/>" + limit("-2.5:2.5"));
-  text += joint("roll", "continuous", "l4", "l5", "<origin xyz='0.3 0 0'/><axis xyz='1 0 0'/>");
-  text += joint("hand", "continuous", "l5", "l6", "<origin xyz='0.2 0.05 0'/><axis xyz='0 1 0'/>" + follows.hand);
-  text += joint("mount", "fixed", "l6", "tool", "<origin xyz='0.1 0 0.05'/>");
-  return text + "</robot>";
+            "<origin xyz='0.3 0 0.2' rpy='0.1 0 0.2'/><axis xyz='0 1 0'/>" + limit(forearm_limit) + follows.forearm) +
+      joint("slide", "prismatic", "l2", "l3", "<origin xyz='0 0.1 0.6'/><axis xyz='0 0 1'/>" + limit("-0.2:0.3")) +
+      joint("elbow", "revolute", "l3", "l4", "<origin xyz='0.4 0 0.1'/><axis xyz='0 1 0.2'/>" + limit("-2.5:2.5")) +
+      joint("roll", "continuous", "l4", "l5", "<origin xyz='0.3 0 0'/><axis xyz='1 0 0'/>") +
+      joint("hand", "continuous", "l5", "l6", "<origin xyz='0.2 0.05 0'/><axis xyz='0 1 0'/>" + follows.hand) +
+      joint("mount", "fixed", "l6", "tool", "<origin xyz='0.1 0 0.05'/>"));
 }
 
 Robot mimic_robot() { return parse_robot(mimic_urdf()); }
@@ -104,13 +91,11 @@ TEST(Mimic, DefaultsToTheLeadersOwnValue) {
   EXPECT_FALSE(robot.joints[5].mimic);
 }
 
-/// Limits of the leader "first" that turns without any, or within these, with a follower of these limits.
+/// Limits of the leader that turns without any, or within these, with a follower of these limits.
 std::pair<double, double> narrowed(const std::string& mimic, const std::string& follower,
                                    const std::string& leader = "-1e12:1e12") {
-  const Robot robot = parse_robot(
-      "<robot name='r'><link name='l0'/><link name='l1'/><link name='l2'/>" +
-      joint("first", "revolute", "l0", "l1", limit(leader)) +
-      joint("second", "revolute", "l1", "l2", limit(follower) + "<mimic joint='first' " + mimic + "/>") + "</robot>");
+  const Robot robot = parse_robot(testing::urdf::serial(
+      {{"revolute", limit(leader)}, {"revolute", limit(follower) + "<mimic joint='j1' " + mimic + "/>"}}));
   return {robot.joints[0].lower.value(), robot.joints[0].upper.value()};
 }
 
@@ -130,13 +115,10 @@ TEST(Mimic, LimitsOfALeaderAreTheNarrowerOfBoth) {
   EXPECT_THAT(refused("multiplier='0' offset='0.9'", "1:2", "-7:7"), HasSubstr("the value 0.9 that its mimic gives"));
   EXPECT_THAT(refused("multiplier='0' offset='2.1'", "1:2", "-7:7"), HasSubstr("the value 2.1 that its mimic gives"));
   EXPECT_THAT(refused("multiplier='0.5'", "1:2", "-9:1.9"),
-              HasSubstr("no value of joint 'first', which it mimics, keeps both within their limits"));
+              HasSubstr("no value of joint 'j1', which it mimics, keeps both within their limits"));
   // Ranges without an end stay so.
-  const Robot continuous =
-      parse_robot("<robot name='r'><link name='l0'/><link name='l1'/><link name='l2'/>" +
-                  joint("first", "continuous", "l0", "l1", "") +
-                  joint("second", "revolute", "l1", "l2", limit("-3:5") + "<mimic joint='first' multiplier='1e-12'/>") +
-                  "</robot>");
+  const Robot continuous = parse_robot(testing::urdf::serial(
+      {{"continuous", ""}, {"revolute", limit("-3:5") + "<mimic joint='j1' multiplier='1e-12'/>"}}));
   EXPECT_FALSE(continuous.joints[0].lower || continuous.joints[0].upper);
   EXPECT_THAT(refused("multiplier='1.01e12'", "-3:5", "-7:7"), HasSubstr("out of range"));
   EXPECT_THAT(refused("offset='-1.01e12'", "-3:5", "-7:7"), HasSubstr("out of range"));
@@ -153,19 +135,16 @@ TEST(MimicBadInput, LeadersThatCannotLeadAreNamed) {
 
 /// A drive on a branch of its own, a spindle beside it, and two stages that follow the drive.
 std::string lift_urdf(const std::string& first = "multiplier='0.5' offset='0.01'") {
-  std::string text = "<robot name='lift'>";
-  for (const char* link : {"base", "drive", "nut", "l1", "l2", "tool"}) {
-    text += "<link name='" + std::string(link) + "'/>";
-  }
-  return text + joint("lift", "prismatic", "base", "drive", "<axis xyz='0 0 1'/>" + limit("0:1.2")) +
-         joint("spindle", "continuous", "base", "nut", "<axis xyz='0 0 1'/>") +
-         joint(
-             "stage_1", "prismatic", "base", "l1",
-             "<origin xyz='0.1 0 0.5'/><axis xyz='0 0 1'/>" + limit("0:0.5") + "<mimic joint='lift' " + first + "/>") +
-         joint("stage_2", "prismatic", "l1", "l2",
-               "<axis xyz='0 0 1'/>" + limit("-1:1") + "<mimic joint='lift' multiplier='-0.25' offset='0.2'/>") +
-         joint("turn", "revolute", "l2", "tool", "<origin xyz='0 0 0.2'/><axis xyz='0 0 1'/>" + limit("-3:3")) +
-         "</robot>";
+  const std::string upwards = "<axis xyz='0 0 1'/>";
+  return robot_of(
+      links({"base", "drive", "nut", "l1", "l2", "tool"}) +
+      joint("lift", "prismatic", "base", "drive", upwards + limit("0:1.2")) +
+      joint("spindle", "continuous", "base", "nut", upwards) +
+      joint("stage_1", "prismatic", "base", "l1",
+            "<origin xyz='0.1 0 0.5'/>" + upwards + limit("0:0.5") + "<mimic joint='lift' " + first + "/>") +
+      joint("stage_2", "prismatic", "l1", "l2",
+            upwards + limit("-1:1") + "<mimic joint='lift' multiplier='-0.25' offset='0.2'/>") +
+      joint("turn", "revolute", "l2", "tool", "<origin xyz='0 0 0.2'/>" + upwards + limit("-3:3")));
 }
 
 TEST(Mimic, ADriveBesideTheChainIsTheJointThatPeopleGive) {
@@ -242,7 +221,7 @@ TEST(Mimic, TheReductionKeepsAsManyParametersAsTheReachableConfigurationsTell) {
   const Robot robot = mimic_robot();
   const ErrorModel model = complete_model(robot);
   const std::vector<TargetFrame> targets = published_targets();
-  const VectorXd none = VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
+  const VectorXd none = testing::errors_of(model);
   Random random(4);
   const auto generic = static_cast<Eigen::Index>(targets.size() * 3);
   MatrixXd stacked(40 * generic, 6 + generic + none.size());
@@ -299,8 +278,6 @@ TEST(Mimic, CalibratesAndExportsARobotThatStillMimics) {
   }
 }
 
-// ---- Files ---------------------------------------------------------------------------------------------------------
-
 const std::string kRow = ",1,2,3\n";
 
 std::string csv_of(const std::string& joints, const std::string& values) {
@@ -339,15 +316,13 @@ TEST(Mimic, AFollowersColumnIsCheckedAndMayBeRounded) {
 }
 
 TEST(Mimic, TheFirstJointOfTheChainMayFollow) {
-  const Robot robot = parse_robot(R"(<robot name="r"><link name="l0"/><link name="l1"/><link name="l2"/>
-    <joint name="first" type="continuous"><parent link="l0"/><child link="l1"/><axis xyz="0 0 1"/>
-      <mimic joint="second" multiplier="2"/></joint>
-    <joint name="second" type="continuous"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/></joint>
-  </robot>)");
-  const Measurements m = parse_measurements(robot, csv_of("first,second", "0.5,0.25"));
+  const Robot robot =
+      parse_robot(testing::urdf::serial({{"continuous", "<axis xyz='0 0 1'/><mimic joint='j2' multiplier='2'/>"},
+                                         {"continuous", "<axis xyz='0 1 0'/>"}}));
+  const Measurements m = parse_measurements(robot, csv_of("j1,j2", "0.5,0.25"));
   EXPECT_EQ(m.joint_values.col(0), Eigen::Vector2d(0.5, 0.25));
-  EXPECT_THAT(testing::refusal([&] { parse_measurements(robot, csv_of("first,second", "0.25,0.25")); }),
-              AllOf(HasSubstr("first '0.25'"), HasSubstr("expected 0.5")));
+  EXPECT_THAT(testing::refusal([&] { parse_measurements(robot, csv_of("j1,j2", "0.25,0.25")); }),
+              AllOf(HasSubstr("j1 '0.25'"), HasSubstr("expected 0.5")));
 }
 
 TEST(Mimic, AMissingLeaderIsMissedAndFollowersAreOffered) {

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 
-#include <Eigen/Geometry>
 #include <array>
 #include <regex>
 

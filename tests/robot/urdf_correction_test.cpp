@@ -5,17 +5,13 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iterator>
-#include <kdl/chainfksolverpos_recursive.hpp>
 #include <limits>
-#include <locale>
 #include <numbers>
 #include <regex>
-#include <sstream>
 
+#include "base/number_text.hpp"
 #include "base/random.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "model/parameters.hpp"
 #include "refusal.hpp"
@@ -80,12 +76,6 @@ std::string with_windows_line_ends(const std::string& text) {
   return std::regex_replace(text, std::regex("\n"), "\r\n");
 }
 
-std::string read(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  EXPECT_TRUE(stream) << file;
-  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-}
-
 KDL::Rotation random_rotation(Random& random, double angle) {
   const KDL::Vector axis{random.normal(), random.normal(), random.normal()};
   return KDL::Rotation::Rot(axis, angle);
@@ -103,39 +93,21 @@ std::vector<OriginCorrection> random_corrections(const Robot& robot, std::uint64
   return corrections;
 }
 
-/// The chain with each joint's origin multiplied by its correction: origin and motion as segments of their own.
+/// The chain with each joint's origin multiplied by its correction.
 KDL::Chain corrected_chain(const Robot& robot, const std::vector<OriginCorrection>& corrections) {
-  KDL::Chain chain;
-  std::size_t moving = 0;
-  for (std::size_t i = 0; i < corrections.size(); ++i) {
-    const KDL::Segment& segment = robot.chain.getSegment(static_cast<unsigned>(i));
-    const KDL::Frame origin = segment.pose(0.0) * corrections[i].correction;
-    chain.addSegment(KDL::Segment(KDL::Joint(KDL::Joint::Fixed), origin));
-    if (segment.getJoint().getType() != KDL::Joint::Fixed) {
-      const MovingJoint& joint = robot.joints[moving++];
-      const auto type = joint.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
-      chain.addSegment(KDL::Segment(KDL::Joint(KDL::Vector::Zero(), joint.axis, type), KDL::Frame::Identity()));
-    }
-  }
-  return chain;
+  std::size_t i = 0;
+  return testing::chain_with(
+      robot, [&](const KDL::Segment& segment) { return segment.pose(0.0) * corrections[i++].correction; });
 }
 
 double largest_difference(const KDL::Chain& a, const KDL::Chain& b) {
   EXPECT_EQ(a.getNrOfJoints(), b.getNrOfJoints());
-  KDL::ChainFkSolverPos_recursive solver_a(a);
-  KDL::ChainFkSolverPos_recursive solver_b(b);
   Random random(7);
   double largest = 0.0;
   for (int i = 0; i < 1000; ++i) {
-    KDL::JntArray q(a.getNrOfJoints());
-    for (unsigned k = 0; k < q.rows(); ++k) {
-      q(k) = random.uniform(-std::numbers::pi, std::numbers::pi);
-    }
-    KDL::Frame frame_a;
-    KDL::Frame frame_b;
-    EXPECT_GE(solver_a.JntToCart(q, frame_a), 0);
-    EXPECT_GE(solver_b.JntToCart(q, frame_b), 0);
-    largest = std::max(largest, testing::difference(frame_a, frame_b));
+    const Eigen::VectorXd q = Eigen::VectorXd::NullaryExpr(
+        a.getNrOfJoints(), [&] { return random.uniform(-std::numbers::pi, std::numbers::pi); });
+    largest = std::max(largest, testing::difference(testing::kdl_pose(a, q), testing::kdl_pose(b, q)));
   }
   return largest;
 }
@@ -326,11 +298,9 @@ TEST(UrdfExport, KeepsTheTurnsOfAnglesUpToAHundredRadians) {
 }
 
 std::string robot_with_rpy(const std::array<double, 3>& rpy) {
-  std::ostringstream text;
-  text.precision(17);
-  text << "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><origin rpy='" << rpy[0]
-       << ' ' << rpy[1] << ' ' << rpy[2] << "'/><parent link='a'/><child link='b'/></joint></robot>";
-  return text.str();
+  return "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><origin rpy='" +
+         shortest(rpy[0]) + " " + shortest(rpy[1]) + " " + shortest(rpy[2]) +
+         "'/><parent link='a'/><child link='b'/></joint></robot>";
 }
 
 TEST(UrdfExport, RotationsComeBackToTheLastDigitsAtAndNearGimbalLock) {
@@ -434,13 +404,14 @@ TEST(UrdfExportBadInput, OriginsThatCannotBeCorrectedAreNamed) {
 }
 
 TEST(UrdfExport, ChangesOnlyNumbersInTheProjectsUrdf) {
-  const std::string urdf = read(std::filesystem::path(URDF_DIR) / "fanuc_r2000ic_165f.urdf");
+  const std::string urdf = load_robot(std::filesystem::path(URDF_DIR) / "fanuc_r2000ic_165f.urdf").urdf;
   expect_only_numbers_change(urdf, 9);
   expect_identities_keep_every_byte(urdf);
 }
 
 TEST(UrdfExportOnRealData, ChangesOnlyNumbersInTheRosIndustrialUrdf) {
-  const std::string urdf = read(std::filesystem::path(SHARED_DATA_DIR) / "ros_industrial/fanuc_r2000ic165f.urdf");
+  const std::string urdf =
+      load_robot(std::filesystem::path(SHARED_DATA_DIR) / "ros_industrial/fanuc_r2000ic165f.urdf").urdf;
   expect_only_numbers_change(urdf, 10);
   expect_identities_keep_every_byte(urdf);
 
@@ -457,7 +428,7 @@ TEST(UrdfExportOnRealData, ChangesOnlyNumbersInTheRosIndustrialUrdf) {
 }
 
 TEST(UrdfExportOnRealData, ChangesOnlyNumbersInTheUr10Urdf) {
-  const std::string urdf = read(std::filesystem::path(SHARED_DATA_DIR) / "ur10_tracker_poses/ur10.urdf");
+  const std::string urdf = load_robot(std::filesystem::path(SHARED_DATA_DIR) / "ur10_tracker_poses/ur10.urdf").urdf;
   expect_only_numbers_change(urdf, 11);
   expect_identities_keep_every_byte(urdf);
 }
@@ -466,9 +437,7 @@ TEST(UrdfExport, OfATipInTheMiddleLeavesTheRestUntouched) {
   const Robot robot = parse_robot(testing::kOddArm, {.base = "world", .tip = "d"});
   ASSERT_EQ(robot.joints.size(), 4U);
   const ErrorModel model = complete_model(robot);
-  Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  errors[static_cast<Eigen::Index>(parameter_index(model, "dq2"))] = 0.01;
-  const std::string exported = calibrated_urdf(robot, model, errors);
+  const std::string exported = calibrated_urdf(robot, model, testing::errors_of(model, {{"dq2", 0.01}}));
   const std::size_t behind = robot.urdf.find("<joint name=\"skew\"");
   EXPECT_EQ(exported.substr(exported.find("<joint name=\"skew\"")), robot.urdf.substr(behind));
   EXPECT_NE(exported, robot.urdf);
