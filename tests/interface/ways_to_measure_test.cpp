@@ -118,6 +118,17 @@ TEST(WaysToMeasureLongRun, PlacesOfAPlateWithTwoSockets) {
       testing::Ball(), {}, [](testing::Ball& experiment) { return experiment.touched(4, 40, kNoise); });
 }
 
+TEST(WaysToMeasureLongRun, OnePlaceOfAPlate) {
+  expect_coverage_and_efficiency<testing::Ball>(
+      testing::Ball(), {}, [](testing::Ball& experiment) { return experiment.touched(1, 60, kNoise); });
+}
+
+// Each place has one pose at either end of a known length.
+TEST(WaysToMeasureCampaign, LengthsBetweenTwoPoses) {
+  expect_coverage_and_efficiency<testing::Ball>(
+      testing::Ball(), {}, [](testing::Ball& experiment) { return experiment.touched(60, 120, kNoise); });
+}
+
 TEST(WaysToMeasureLongRun, HeightsAboveFourPlanes) {
   expect_coverage_and_efficiency<testing::Heights>(testing::Heights(), {}, [](testing::Heights& experiment) {
     experiment.move();
