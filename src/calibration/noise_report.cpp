@@ -62,6 +62,24 @@ Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const N
   return (sum / rows).cwiseSqrt();
 }
 
+// What the priors contribute: their part of the cost, and the number of unknowns that they determine instead of the
+// measurements, the trace of their share of the information.
+struct PriorShare {
+  double cost = 0.0;
+  double unknowns = 0.0;
+};
+
+PriorShare prior_share(const FittedSystem& fitted, const ResidualOptions& options) {
+  const Eigen::VectorXd information = fitted.free.prior_information(options.priors);
+  if (options.earlier || information.isZero(0.0)) {
+    return {};
+  }
+  const Eigen::MatrixXd unit_covariance = covariance(fitted.system.sqrt_information, 1.0);
+  return {
+      .cost = information.dot(fitted.free.values(fitted.estimate).cwiseAbs2()),
+      .unknowns = (information.array() > 0.0).select(information.cwiseProduct(unit_covariance.diagonal()), 0.0).sum()};
+}
+
 // Scatter of a system's residuals.
 struct MeasuredScatter {
   double points = 0.0;    // with weight
@@ -138,7 +156,8 @@ NoiseAssessment assess_robust_noise(const FittedSystem& fitted, const FitProblem
 NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, const NoiseModel& stated,
                              const RobustRows& robust, const EstimatedNoise& estimated) {
   NoiseReport noise;
-  noise.degrees_of_freedom = static_cast<double>(fitted.problem.equations() - fitted.rank);
+  const PriorShare priors = prior_share(fitted, fit.options.joint.residuals);
+  noise.degrees_of_freedom = static_cast<double>(fitted.problem.equations() - fitted.rank) + priors.unknowns;
   const RepeatNoise repeats = noise_from_repeats(fit.measurements);
   if (repeats.degrees_of_freedom > 0.0) {
     noise.repeats = repeats;
@@ -157,7 +176,7 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
     as_stated.row_weights = fitted.row_weights;
     const LeastSquaresProblem problem(fit.model, fit.measurements, fitted.free, as_stated);
     noise.variance_factor =
-        excess_over_stated(problem.linearise(fitted.estimate).cost / freedom, noise.degrees_of_freedom);
+        excess_over_stated((problem.linearise(fitted.estimate).cost - priors.cost) / freedom, noise.degrees_of_freedom);
   }
   if (estimated.parts) {
     report_parts(*estimated.parts, noise);
@@ -171,7 +190,7 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
             .covariance = scatter.size() > 0 ? sandwich(nominal_covariance, scatter) : nominal_covariance};
   }
   const double variance =
-      noise.degrees_of_freedom > 0.0 ? fitted.problem.linearise(fitted.estimate).cost / freedom : 0.0;
+      noise.degrees_of_freedom > 0.0 ? (fitted.problem.linearise(fitted.estimate).cost - priors.cost) / freedom : 0.0;
   return without_parts(fit.measurements, stated, fitted,
                        {.points = static_cast<double>(fitted.problem.points()), .variance = variance},
                        std::move(noise));

@@ -172,6 +172,29 @@ TEST(NoiseReport, AFitThatLeavesNoFreedomHasTheLeastScale) {
   EXPECT_EQ(sigma_of_residuals(f.fit_problem()), 1e-9);
 }
 
+// Priors that say nothing leave each error to the measurements, those that say all leave them none.
+TEST(NoiseReport, OnlyWhatPriorsLeaveOpenTakesFreedom) {
+  const auto errors = static_cast<double>(Fitted().free.geometric().size());
+  for (const auto& [prior, determined] : {std::pair{1e6, 0.0}, std::pair{1e-9, errors}}) {
+    Fitted f;
+    f.stated.independent.setConstant(1e-4);
+    f.fit_options.joint.residuals.priors = {.length = prior, .angle = prior};
+    f.fit();
+    EXPECT_NEAR(f.assessed().report.degrees_of_freedom, f.freedom() + determined, 1e-2) << prior;
+  }
+}
+
+// The errors were drawn as the priors say, so that neither they nor the residuals are larger than stated.
+TEST(NoiseReport, ErrorsAsLargeAsThePriorsExpectAreNoNoise) {
+  for (const int count : {5, 6, 8, 14}) {
+    Fitted f({.sigma = 1e-4}, count);
+    f.stated.independent.setConstant(1e-4);
+    f.fit_options.joint.residuals.priors = {.length = 0.001, .angle = 0.001};
+    f.fit();
+    EXPECT_EQ(f.assessed().report.variance_factor, 1.0) << count;
+  }
+}
+
 TEST(NoiseReport, OfNothingStatedIsWhatResidualsAndRepeatsShow) {
   for (const int repeats : {1, 3}) {
     const Fitted f({.sigma = 1e-4, .repeats = repeats, .common = Vector3d::Constant(2e-4)});
