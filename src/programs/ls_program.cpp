@@ -180,7 +180,7 @@ void PositionReader::entry(ProgramPosition& position, std::uint32_t& found) {
   }
   const auto& names = position.configuration ? kCartesian : kJoints;
   const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
-  const bool is_extended = name.size() == 2 && name.front() == 'E';
+  const bool is_extended = name.size() == 2 && name.front() == 'E' && name.back() >= '1' && name.back() <= '9';
   if (place == names.size() && !is_extended) {
     fail("has " + shown(name) + ", expected " + (position.configuration ? "X Y Z W P R" : "J1 to J6, or CONFIG"));
   }
