@@ -354,7 +354,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
   ModelSelection selection =
       select_model(choice, rigid_fit.identification, determines_arm(rigid_fit), options.estimator.method);
-  if (!model.stations.empty()) {
+  if (model.stations.size() > 1 || has_single_coordinates(measurements)) {
     selection.not_tried += selection.not_tried.empty() ? "" : "; ";
     selection.not_tried +=
         has_single_coordinates(measurements)

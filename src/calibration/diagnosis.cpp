@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <iterator>
 #include <set>
 #include <utility>
 
@@ -23,7 +24,7 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
   if (!task.options.try_readings) {
     return {};
   }
-  if (!found.model.stations.empty()) {
+  if (found.model.stations.size() > 1 || has_single_coordinates(measurements)) {
     const TrainingRows rows(measurements);
     std::vector<AlternativeReading> result = readings_of_unit(found.model, *rows);
     if (result.empty() && has_converged(found.fit.identification)) {
@@ -31,7 +32,8 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
     }
     if (!has_single_coordinates(measurements)) {
       const std::vector<AlternativeReading> repeated = repeated_configurations(measurements);
-      result.insert(result.end(), repeated.begin(), repeated.end());
+      std::copy_if(repeated.begin(), repeated.end(), std::back_inserter(result),
+                   [](const AlternativeReading& reading) { return reading.cause == Cause::copied_rows; });
     }
     return result;
   }

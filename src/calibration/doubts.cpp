@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <iterator>
@@ -107,14 +108,23 @@ bool has_no_length(const Measurements& measurements) {
   return true;
 }
 
+constexpr std::size_t kJointsOfAnAxis = 3;  // joints, with which an arm may move along a line
+
+bool has_free_base(const CalibrationResult& found) {
+  const std::array<int, 6>& columns = found.fit.candidates.base_columns(0);
+  return std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+}
+
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
-  if (measurements.stations.empty() && loose_rotations(measurements).axes.cols() > 0) {
+  const std::vector<std::string> still = joints_at_rest(found, measurements);
+  if (measurements.stations.empty() && still.empty() && found.model.joints.size() > kJointsOfAnAxis &&
+      has_free_base(found) && loose_rotations(measurements).axes.cols() > 0) {
     return {{.cause = Cause::not_determined,
              .message =
                  "all points are on one line or in one place, which leaves a rotation of the base open; name the "
                  "place of the plate in a column station, so that no prediction depends on that rotation"}};
   }
-  if (found.noise.source == NoiseSource::residuals && found.noise.degrees_of_freedom < 1.0) {
+  if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < 1.0) {
     return {{.cause = Cause::not_determined,
              .message =
                  "there are as many unknowns as measured coordinates, so that nothing shows how good the fit is; "
@@ -129,7 +139,6 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
                             ? "the measurements do not determine all parameters"
                             : fmt::format("the measurements do not determine {}{} ({})", missing.size(),
                                           missing.size() == 1 ? " parameter" : " parameters", some_of(missing));
-  const std::vector<std::string> still = joints_at_rest(found, measurements);
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
   } else if (!found.model.stations.empty() && has_no_length(measurements)) {
@@ -153,6 +162,15 @@ Doubts of_predictions(const CalibrationResult& found) {
     doubts.push_back({.cause = Cause::worse_than_nominal,
                       .message = worse(*found.accuracy.test, "at the test rows") +
                                  "; check that they were measured under the same conditions and in the same region"});
+  }
+  const ErrorStatistics& uncertain = found.uncertainty.predicted.measured;
+  const double nominal = found.accuracy.train.before.rms;
+  if (found.accuracy.held_out() == nullptr && !found.accuracy.test && uncertain.count > 0 && uncertain.rms > nominal) {
+    doubts.push_back({.cause = Cause::worse_than_nominal,
+                      .message = fmt::format("the calibrated robot is uncertain by {} (1 sigma) at the measured "
+                                             "configurations, more than the {} by which the nominal one is off, and no "
+                                             "other configurations tell; measure more",
+                                             in_millimetres(uncertain.rms), in_millimetres(nominal))});
   }
   if (is_no_better_than_nominal(found.accuracy)) {
     doubts.push_back(

@@ -41,6 +41,7 @@ constexpr double kNoMisfit = 1e-7;        // [m]
 constexpr double kLeastFactor = 0.02;     // least deviation from 1 of the points' scale for the nominal robot
 constexpr const char* kLengthsSetWrong = "a unit, a temperature or a tracker set wrong";
 constexpr double kLeastCommonLength = 0.005;  // least common relative error of fitted lengths
+constexpr double kLeastMisfitOfAUnit = 0.05;  // [m] that a unit leaves of the nominal arm
 constexpr double kStandsStill = 0.05;         // share of the flange's motion
 
 std::string in_mm(double metres) {
@@ -316,7 +317,8 @@ private:
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements) {
   const double as_read = nominal_misfit(model, measurements, 1.0);
   for (const double factor : {1e3, 1e-3}) {
-    if (const double instead = nominal_misfit(model, measurements, factor); instead < kMostMisfitLeft * as_read) {
+    const double instead = nominal_misfit(model, measurements, factor);
+    if (as_read > kLeastMisfitOfAUnit && instead < kMostMisfitLeft * as_read) {
       return {
           {.cause = Cause::length_unit,
            .message = fmt::format("as they were read the measurements leave a misfit of {} of the nominal arm; with "

@@ -68,14 +68,26 @@ public:
     determined_ = factor.info() == Eigen::Success && factor.vectorD().minCoeff() > kLeftOfInformation;
     if (determined_) {
       inverse_ = factor.solve(MatrixXd::Identity(left.rows(), left.cols()));
+    } else {  // within what is determined
+      const auto [values, vectors] = spectrum(left);
+      const Index open = (values.array() <= kLeftOfInformation).count();
+      const auto shown = vectors.rightCols(values.size() - open);
+      inverse_ = shown * values.tail(values.size() - open).cwiseInverse().asDiagonal() * shown.transpose();
+      open_ = narrow_ ? MatrixXd(B_.transpose() * vectors.leftCols(open)) : MatrixXd(vectors.leftCols(open));
+    }
+    if (rows > 0) {
       step_ = narrow_ ? VectorXd(-B_.transpose() * (inverse_ * e)) : VectorXd(-inverse_ * (B_.transpose() * e));
     }
   }
 
   bool is_determined() const { return determined_; }
   const VectorXd& step() const { return step_; }
-  // J C J^T.
+  // J C J^T; infinite if the rest leaves something of it open.
   Matrix3d covariance(const MatrixXd& J) const {
+    constexpr double kNone = 1e-6;  // of J
+    if (open_.cols() > 0 && (J * open_).norm() > kNone * J.norm()) {
+      return Matrix3d::Constant(std::numeric_limits<double>::infinity());
+    }
     if (!narrow_) {
       return J * inverse_ * J.transpose();
     }
@@ -88,6 +100,7 @@ private:
   bool narrow_ = false;
   bool determined_ = false;
   MatrixXd inverse_;
+  MatrixXd open_;  // orthogonal directions of the unknowns, in columns
   VectorXd step_;
 };
 
@@ -139,13 +152,10 @@ public:
     std::optional<WithoutFold> without;
     if (determined_) {
       without.emplace(systems, R_.cols());
-      if (!without->is_determined()) {
-        without.reset();
-      }
-      for (std::size_t i = 0; i < fold.size() && without; ++i) {
+      for (std::size_t i = 0; i < fold.size(); ++i) {
         add_points(systems[i], fold[i], *without, part.points);
       }
-      if (without && as_good_as_linear(fold, *without, part.points)) {
+      if (without->is_determined() && as_good_as_linear(fold, *without, part.points)) {
         if (problem_.options.after_fit) {
           problem_.options.after_fit();
         }
@@ -190,10 +200,11 @@ private:
     for (std::size_t i = 0; i < system.targets.size(); ++i) {
       const auto first = static_cast<Index>(3 * i);
       const Matrix3d in_flange = without.covariance(J.middleRows(first, 3));
-      points.push_back({.configuration = static_cast<std::int32_t>(configuration),
-                        .target = system.targets[i],
-                        .residual = R_WF * left.segment<3>(first),
-                        .covariance = R_WF * in_flange * R_WF.transpose()});
+      points.push_back(
+          {.configuration = static_cast<std::int32_t>(configuration),
+           .target = system.targets[i],
+           .residual = R_WF * left.segment<3>(first),
+           .covariance = in_flange.allFinite() ? Matrix3d(R_WF * in_flange * R_WF.transpose()) : in_flange});
     }
   }
 

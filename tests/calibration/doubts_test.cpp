@@ -194,6 +194,20 @@ TEST(DoubtsByHand, PredictionsNoBetterThanTheNominalOnes) {
                  {"within a factor of five", both(1e-3, 4e-4), {}},
                  {"less than half of the nominal error", both(1.1e-3, 1e-4), {}},
                  {"a small nominal error", both(5e-4, 4.5e-4), {}}});
+  // Where nothing else tells: more uncertain than the nominal robot is wrong.
+  const auto uncertain = [](double rms) {
+    return [=](Found& f) { f.calibration.uncertainty.predicted.measured.rms = rms; };
+  };
+  const auto beside = [=](const std::function<void(Found&)>& errors) {
+    return [=](Found& f) {
+      uncertain(2.1e-3)(f);
+      errors(f);
+    };
+  };
+  expect_doubts({{"less uncertain than the nominal robot is wrong", uncertain(1.9e-3), {}},
+                 {"more", uncertain(2.1e-3), {"worse_than_nominal: the calibrated robot is uncertain by 2.1 mm"}},
+                 {"but better at test rows", beside(test(1e-3, 1e-4)), {}},
+                 {"but better where left out", beside(held_out(1e-3, 1e-4)), {}}});
   Found worse;
   worse.calibration.accuracy.leave_one_out = errors_of(1e-3, 1.002e-3);
   EXPECT_THAT(worse.doubted().at(0), HasSubstr("(leave-one-out): 1.002 mm against 1 mm;"));

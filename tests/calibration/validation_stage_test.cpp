@@ -279,6 +279,24 @@ TEST(HeldOut, IsNothingWhereTheRestLeavesTheParametersOpen) {
                                                                                  "counted")));
 }
 
+// Without its only configuration nobody knows where the fourth target is, but the other three are known.
+TEST(HeldOut, LeavesOutOfTheCountOnlyWhatTheRestLeavesOpen) {
+  Series s(published_targets());
+  s.measured = testing::without_sigmas(s.measure(20, {.sigma = kNoise}));
+  s.measured.targets.push_back("D");
+  s.measured.observations.push_back(s.measured.observations[6 * 3]);
+  s.measured.observations.back().target = 3;
+  const CalibrationResult found = s.calibrated();
+  EXPECT_THAT(found.diagnosis.warnings,
+              ::testing::Contains(::testing::HasSubstr("1 of 61 left-out points are not counted")));
+  ASSERT_TRUE(found.accuracy.leave_one_out);
+  EXPECT_EQ(found.accuracy.leave_one_out->after.count, 60);
+  EXPECT_EQ(found.accuracy.leave_one_out->before.count, 60);
+  s.measured.observations.pop_back();
+  s.measured.targets.pop_back();
+  EXPECT_NEAR(found.accuracy.leave_one_out->after.rms, s.calibrated().accuracy.leave_one_out->after.rms, 2e-6);
+}
+
 TEST(HeldOut, ReportsEachFitAndWhatItIsFor) {
   std::vector<std::string> reported;
   CalibrationSettings options{.validation = {.k_fold = 3}, .threads = 1};

@@ -260,7 +260,7 @@ TEST_F(OptionsOfKdlcal, ValidateComparesTheArmsThatTouchedAPlateAtSeveralPlaces)
   const Outcome compared = run({"validate", "--result", "r.json", "--truth", "t.json", "--json"});
   EXPECT_EQ(compared.status, 0) << compared.err;
   EXPECT_LT(Json::parse(compared.out)["position_error"]["all"]["rms"], 4e-4);
-  expect_refused({"plan", "--result", "r.json", "--add", "5"}, {"--result", "whole points from one station"});
+  expect_refused({"plan", "--result", "r.json", "--add", "5"}, {"--result", "without a column station"});
   for (const Words& more : {Words{"--poses"}, Words{"--repeats", "2"}, Words{"--test-configurations", "2"}}) {
     expect_refused(touches + more, {"--sockets", "expected none of"});
   }

@@ -218,6 +218,18 @@ TEST(AnotherUnit, OfAllLengthsIsNamed) {
   }
 }
 
+// All lengths times 0.001 leave a thousandth of what errors and noise leave, where little holds the points.
+TEST(AnotherUnit, IsNotNamedWhereFewRowsLeaveLittle) {
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    testing::VirtualExperiment experiment({.random = Random(seed)});
+    experiment.robot = at_stations(experiment.robot, 8, experiment.random);
+    const Measurements rows =
+        along(testing::without_sigmas(experiment.measure(14, {.sigma = kNoise})), Vector3d(1.0, 1.0, 0.0).asDiagonal());
+    const std::vector<Doubt> doubts = calibrate(bundled_robot(), rows).doubts();
+    EXPECT_THAT(doubts, ::testing::Not(Contains(Field(&Doubt::cause, Cause::length_unit)))) << seed;
+  }
+}
+
 TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToDiffer) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(2)});
   experiment.robot = at_stations(experiment.robot, 3, experiment.random);

@@ -230,6 +230,13 @@ TEST(PlacesOfAPlate, OneAloneDeterminesFiveDirections) {
               ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("name the place of the plate"))));
 }
 
+TEST(PlacesOfAPlate, OneAloneShowsAJointThatTurnsFartherThanItSays) {
+  Measurements touches = Ball(13).touched(1, 60, 3e-5);
+  touches.joint_values.row(5) *= 1.012;
+  EXPECT_THAT(calibrate(bundled_robot(), touches).doubts(),
+              ::testing::Contains(::testing::Field(&Doubt::cause, Cause::joint_gain)));
+}
+
 TEST(PlacesOfAPlate, WithOneSocketAloneShowNoLength) {
   Ball experiment(6);
   const Calibration found =
