@@ -60,7 +60,7 @@ class CleanTree:
             environment["CMAKE_CXX_COMPILER_LAUNCHER"] = "ccache"
         options = [
             "-G", "Unix Makefiles", "-D", "CMAKE_BUILD_TYPE=Release", "-D", "CMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG",
-            "-D", "BUILD_SHARED_LIBS=ON", "-D", "KDL_CALIBRATION_BUILD_TESTS=ON",
+            "-D", "BUILD_SHARED_LIBS=ON", "-D", "KDL_CALIBRATION_HIDE_INTERNALS=OFF", "-D", "KDL_CALIBRATION_BUILD_TESTS=ON",
             "-D", "KDL_CALIBRATION_PRECOMPILED_HEADERS=ON", "-D", "KDL_CALIBRATION_JOINED_TESTS=ON",
             "-D", "CMAKE_EXPORT_COMPILE_COMMANDS=ON", "-D", "CMAKE_EXE_LINKER_FLAGS=-Wl,--enable-new-dtags",
             "-D", f"KDL_CALIBRATION_SHARED_DATA_DIR={self.root.parent / 'shared' / 'data'}",
