@@ -99,6 +99,17 @@ TEST(Directions, MeansAreThoseOfLeastSquares) {
   EXPECT_TRUE(mean.coordinates.front().directions.isApprox(Matrix3d(Vector3d(1, 1, 0).asDiagonal()), 1e-12));
 }
 
+// Weights of 1/9 and 1/16 make 25/144.
+TEST(Directions, MeansOfStatedSigmasStateTheirOwn) {
+  Measurements rows = parsed(kHeader + "1,train,A,0.1,1,,,,,,\n");
+  rows.observations.push_back(rows.observations.front());
+  rows.coordinates.push_back(rows.coordinates.front());
+  EXPECT_EQ(averaged(rows).observations.front().sigma, 0.0);
+  rows.observations[0].sigma = 3e-5;
+  rows.observations[1].sigma = 4e-5;
+  EXPECT_NEAR(averaged(rows).observations.front().sigma, 2.4e-5, 1e-18);
+}
+
 TEST(Directions, StayWithTheirRows) {
   const Measurements all = parsed(kFile);
   const Measurements last = subset(all, [](const Observation& o) { return o.configuration > 0; });
