@@ -105,9 +105,6 @@ std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std:
 
 // The unknowns without those columns.
 Unknowns shown_unknowns(const FitProblem& problem, const LeastSquaresProblem& equations) {
-  if (problem.model.stations.empty()) {
-    return problem.free;
-  }
   const Eigen::MatrixXd sqrt_information = equations.whitened_summary(problem.start).sqrt_information;
   std::vector<bool> marked(problem.free.columns().size(), true);
   if (sqrt_information.allFinite()) {
@@ -131,9 +128,14 @@ struct FittedInGauge {
 FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOptions& estimator, Steps steps) {
   const Unknowns& candidates = problem.free;
   const LeastSquaresProblem equations = equations_of(problem);
-  const Unknowns shown = shown_unknowns(problem, equations);
-  if (estimator.method == Method::two_step || equations.equations() < shown.size()) {
-    return {.fitted = identify(with_free(problem, shown), estimator, steps), .free = shown};
+  if (estimator.method == Method::two_step) {
+    return {.fitted = identify(problem, estimator, steps), .free = candidates};
+  }
+  if (equations.equations() < equations.columns()) {
+    const Unknowns shown = shown_unknowns(problem, equations);
+    if (equations.equations() < shown.size()) {
+      return {.fitted = identify(with_free(problem, shown), estimator, steps), .free = shown};
+    }
   }
   Unknowns free = candidates;
   const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {

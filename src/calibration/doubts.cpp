@@ -2,7 +2,6 @@
 
 #include <fmt/core.h>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <iterator>
@@ -100,7 +99,7 @@ std::vector<std::string> missing_parameters(const CalibrationResult& found, Mode
 
 // Whether each station has but one point. An arm of any size reaches it: no length is known.
 bool has_no_length(const Measurements& measurements) {
-  for (std::size_t station = 0; station < std::max<std::size_t>(measurements.stations.size(), 1); ++station) {
+  for (std::size_t station = 0; station < measurements.stations.size(); ++station) {
     if (loose_rotations(rows_of_station(measurements, station).measurements).axes.cols() < 3) {
       return false;
     }
@@ -108,17 +107,17 @@ bool has_no_length(const Measurements& measurements) {
   return true;
 }
 
-constexpr std::size_t kJointsOfAnAxis = 3;  // joints, with which an arm may move along a line
-
-bool has_free_base(const CalibrationResult& found) {
-  const std::array<int, 6>& columns = found.fit.candidates.base_columns(0);
-  return std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
+// Whether all points are on a line, although neither the arm nor joints at rest keep them there, and no station is
+// named.
+bool lacks_the_station_of_a_plate(const CalibrationResult& found, const Measurements& measurements) {
+  constexpr std::size_t kJointsOfAnAxis = 3;  // with which an arm may move along a line
+  return measurements.stations.empty() && found.model.joints.size() > kJointsOfAnAxis &&
+         found.fit.candidates.range(UnknownGroup::base).count == 6 && loose_rotations(measurements).axes.cols() > 0 &&
+         joints_at_rest(found, measurements).empty();
 }
 
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
-  const std::vector<std::string> still = joints_at_rest(found, measurements);
-  if (measurements.stations.empty() && still.empty() && found.model.joints.size() > kJointsOfAnAxis &&
-      has_free_base(found) && loose_rotations(measurements).axes.cols() > 0) {
+  if (lacks_the_station_of_a_plate(found, measurements)) {
     return {{.cause = Cause::not_determined,
              .message =
                  "all points are on one line or in one place, which leaves a rotation of the base open; name the "
@@ -139,6 +138,7 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
                             ? "the measurements do not determine all parameters"
                             : fmt::format("the measurements do not determine {}{} ({})", missing.size(),
                                           missing.size() == 1 ? " parameter" : " parameters", some_of(missing));
+  const std::vector<std::string> still = joints_at_rest(found, measurements);
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
   } else if (!found.model.stations.empty() && has_no_length(measurements)) {
@@ -169,7 +169,7 @@ Doubts of_predictions(const CalibrationResult& found) {
     doubts.push_back({.cause = Cause::worse_than_nominal,
                       .message = fmt::format("the calibrated robot is uncertain by {} (1 sigma) at the measured "
                                              "configurations, more than the {} by which the nominal one is off, and no "
-                                             "other configurations tell; measure more",
+                                             "test or left-out configuration says otherwise; measure more",
                                              in_millimetres(uncertain.rms), in_millimetres(nominal))});
   }
   if (is_no_better_than_nominal(found.accuracy)) {

@@ -69,15 +69,15 @@ struct PriorShare {
   double unknowns = 0.0;
 };
 
-PriorShare prior_share(const FittedSystem& fitted, const ResidualOptions& options) {
+PriorShare prior_share(const FittedSystem& fitted, const ResidualOptions& options,
+                       const Eigen::MatrixXd& unit_covariance) {
   const Eigen::VectorXd information = fitted.free.prior_information(options.priors);
   if (options.earlier || information.isZero(0.0)) {
     return {};
   }
-  const Eigen::MatrixXd unit_covariance = covariance(fitted.system.sqrt_information, 1.0);
-  return {
-      .cost = information.dot(fitted.free.values(fitted.estimate).cwiseAbs2()),
-      .unknowns = (information.array() > 0.0).select(information.cwiseProduct(unit_covariance.diagonal()), 0.0).sum()};
+  const Eigen::VectorXd shares = information.cwiseProduct(unit_covariance.diagonal());
+  return {.cost = information.dot(fitted.free.values(fitted.estimate).cwiseAbs2()),
+          .unknowns = (information.array() > 0.0).select(shares, 0.0).sum()};
 }
 
 // Scatter of a system's residuals.
@@ -156,8 +156,7 @@ NoiseAssessment assess_robust_noise(const FittedSystem& fitted, const FitProblem
 NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, const NoiseModel& stated,
                              const RobustRows& robust, const EstimatedNoise& estimated) {
   NoiseReport noise;
-  const PriorShare priors = prior_share(fitted, fit.options.joint.residuals);
-  noise.degrees_of_freedom = static_cast<double>(fitted.problem.equations() - fitted.rank) + priors.unknowns;
+  noise.degrees_of_freedom = static_cast<double>(fitted.problem.equations() - fitted.rank);
   const RepeatNoise repeats = noise_from_repeats(fit.measurements);
   if (repeats.degrees_of_freedom > 0.0) {
     noise.repeats = repeats;
@@ -170,6 +169,9 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
   if (!robust.weights.empty()) {
     return assess_robust_noise(fitted, fit, stated, robust, std::move(noise));
   }
+  const Eigen::MatrixXd unit_covariance = covariance(fitted.system.sqrt_information, 1.0);
+  const PriorShare priors = prior_share(fitted, fit.options.joint.residuals, unit_covariance);
+  noise.degrees_of_freedom += priors.unknowns;
   const double freedom = std::max(noise.degrees_of_freedom, 1.0);
   if (noise_is_stated(fit.measurements, stated)) {
     ResidualOptions as_stated = estimated.as_stated;
@@ -180,14 +182,13 @@ NoiseAssessment assess_noise(const FittedSystem& fitted, const FitProblem& fit, 
   }
   if (estimated.parts) {
     report_parts(*estimated.parts, noise);
-    const Eigen::MatrixXd nominal_covariance = covariance(fitted.system.sqrt_information, 1.0);
     for (const Eigen::MatrixXd& sensitivity : estimated.parts->sensitivity) {
-      noise.covariance_derivatives.push_back(sensitivity.size() > 0 ? sandwich(nominal_covariance, sensitivity)
+      noise.covariance_derivatives.push_back(sensitivity.size() > 0 ? sandwich(unit_covariance, sensitivity)
                                                                     : Eigen::MatrixXd());
     }
     const Eigen::MatrixXd& scatter = estimated.parts->scatter;
     return {.report = std::move(noise),
-            .covariance = scatter.size() > 0 ? sandwich(nominal_covariance, scatter) : nominal_covariance};
+            .covariance = scatter.size() > 0 ? sandwich(unit_covariance, scatter) : unit_covariance};
   }
   const double variance =
       noise.degrees_of_freedom > 0.0 ? (fitted.problem.linearise(fitted.estimate).cost - priors.cost) / freedom : 0.0;

@@ -82,11 +82,14 @@ void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
 
 // A plan says itself from which station it measures.
 void require_one_source(const SimulateArguments& arguments, const Measurements& plan) {
-  if (plan.stations.size() > 1 && arguments.places.stations > 1) {
+  if (plan.stations.size() < 2) {
+    return;
+  }
+  if (arguments.places.stations > 1) {
     throw InputError(fmt::format("--stations: {} has {} stations, expected this option with other plans",
                                  arguments.plan, plan.stations.size()));
   }
-  if (plan.stations.size() > 1 && (arguments.two_step > 0 || arguments.monte_carlo > 0)) {
+  if (arguments.two_step > 0 || arguments.monte_carlo > 0) {
     throw InputError(fmt::format("--plan: {} has {} stations, expected one with --two-step, --monte-carlo",
                                  arguments.plan, plan.stations.size()));
   }

@@ -316,9 +316,11 @@ private:
 
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements) {
   const double as_read = nominal_misfit(model, measurements, 1.0);
+  if (!(as_read > kLeastMisfitOfAUnit)) {
+    return {};
+  }
   for (const double factor : {1e3, 1e-3}) {
-    const double instead = nominal_misfit(model, measurements, factor);
-    if (as_read > kLeastMisfitOfAUnit && instead < kMostMisfitLeft * as_read) {
+    if (const double instead = nominal_misfit(model, measurements, factor); instead < kMostMisfitLeft * as_read) {
       return {
           {.cause = Cause::length_unit,
            .message = fmt::format("as they were read the measurements leave a misfit of {} of the nominal arm; with "

@@ -81,7 +81,8 @@ struct LeastSquaresProblem::Data {
       : model(checked(the_model, measurements, the_unknowns, options)),
         unknowns(the_unknowns),
         targets(measurements.targets.size()),
-        one_station(std::make_unique<const ErrorModel>(at_stations_of({}, the_model))),
+        one_station(the_model.stations.empty() ? nullptr
+                                               : std::make_unique<const ErrorModel>(at_stations_of({}, the_model))),
         parts(parts_of(measurements, options)),
         observed(parts.empty() ? gathered(the_model, the_unknowns, measurements, options) : ObservedData()),
         totals(totals_of_parts()),

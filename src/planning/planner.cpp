@@ -209,8 +209,8 @@ Plan make_plan(const PlanRequest& request) {
   }
   if (request.calibrated && !request.calibrated->model.stations.empty()) {
     throw OptionError("result",
-                      "knows bases by stations, which a plan does not, expected a calibration by whole points without "
-                      "a column station");
+                      "has bases of stations, which a plan does not know; expected a calibration by whole points "
+                      "without a column station");
   }
   if (!request.effects.empty() && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan are of rigid arms, expected no effects beside them");

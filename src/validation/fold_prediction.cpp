@@ -68,7 +68,7 @@ public:
     determined_ = factor.info() == Eigen::Success && factor.vectorD().minCoeff() > kLeftOfInformation;
     if (determined_) {
       inverse_ = factor.solve(MatrixXd::Identity(left.rows(), left.cols()));
-    } else {  // within what is determined
+    } else {  // the inverse in the directions that the rest determines
       const auto [values, vectors] = spectrum(left);
       const Index open = (values.array() <= kLeftOfInformation).count();
       const auto shown = vectors.rightCols(values.size() - open);
