@@ -10,6 +10,7 @@
 
 #include "base/distributions.hpp"
 #include "base/number_range.hpp"
+#include "base/text.hpp"
 #include "diagnosis/common_scale.hpp"
 #include "diagnosis/convention_trial.hpp"
 #include "diagnosis/gain_trial.hpp"
@@ -331,8 +332,42 @@ std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const 
   return {};
 }
 
+namespace {
+
+// Lengths of stations that contradict the others.
+std::optional<AlternativeReading> reading_of_stations(const ErrorModel& model, const Measurements& measurements,
+                                                      const Estimate& fit, const Unknowns& free) {
+  constexpr double kLeastDeviation = 2e-4;  // of a factor from 1
+  const StationScales found = scales_of_stations(model, measurements, fit, free);
+  std::vector<std::string> names;
+  std::vector<std::string> factors;
+  for (const StationScales::One& one : found.stations) {
+    if (std::abs(one.factor - 1.0) > kLeastDeviation) {
+      names.push_back(shown(measurements.stations[one.station]));
+      factors.push_back(fmt::format("{:.5g}", one.factor));
+    }
+  }
+  if (names.empty() || !explains(found.left, found.misfit, found.freedom, 1.0)) {
+    return std::nullopt;
+  }
+  return AlternativeReading{
+      .cause = Cause::scale,
+      .message =
+          fmt::format("lengths of {} {} contradict those of the other stations: {} times as long they would leave "
+                      "a misfit of {} instead of {}; {}",
+                      names.size() == 1 ? "station" : "stations", comma_separated(names), comma_separated(factors),
+                      in_mm(found.left), in_mm(found.misfit), kUsedAsRead)};
+}
+
+}  // namespace
+
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
                                                     const Estimate& fit, const Unknowns& free) {
+  if (measurements.stations.size() > 1) {
+    if (std::optional<AlternativeReading> reading = reading_of_stations(model, measurements, fit, free)) {
+      return {std::move(*reading)};
+    }
+  }
   const CommonScale common = common_scale(model, measurements, fit, free);
   if (std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
     return {};

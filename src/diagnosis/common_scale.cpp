@@ -7,10 +7,13 @@
 #include <utility>
 #include <vector>
 
+#include "base/decompositions.hpp"
 #include "base/distributions.hpp"
 #include "diagnosis/trial_fit.hpp"
+#include "diagnosis/trial_sample.hpp"
 #include "estimation/least_squares.hpp"
 #include "measurements/directions.hpp"
+#include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -121,6 +124,56 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
   }
   const auto freedom = static_cast<double>(count - 1);
   return {.factor = 1.0 / (1.0 - slope), .p_value = f_upper_tail(explained / left * freedom, 1.0, freedom)};
+}
+
+// With lengths (1 + x) times as long the residuals of a station's rows are e + x c. Least squares of e on one c after
+// the other, all without the part that the unknowns explain.
+StationScales scales_of_stations(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                                 const Unknowns& free) {
+  constexpr std::size_t kMostSampled = 3000;
+  constexpr double kStep = 1e-3;
+  constexpr double kLeastPivot = 1e-9;   // of what the unknowns explain
+  constexpr double kLeastShown = 1e-6;   // share of c^2
+  constexpr double kFalseAlarms = 1e-4;  // among all stations
+  const auto count = std::ssize(measurements.stations);
+  const TrialSample sample = trial_sample(model, measurements, free, kMostSampled);
+  const auto whitened = [&](double factor) {
+    return LeastSquaresProblem(model, longer(sample.measurements, factor), sample.free).whitened(fit);
+  };
+  const WhitenedSystem system = whitened(1.0);
+  const VectorXd change = (whitened(1.0 + kStep).residual - system.residual) / kStep;
+  const Index rows = system.blocks.back();
+  MatrixXd columns = MatrixXd::Zero(rows, count + 1);
+  const std::vector<std::int16_t> station = stations_of_configurations(sample.measurements);
+  for (std::size_t c = 0; c + 1 < system.blocks.size(); ++c) {
+    const auto own = Eigen::seq(system.blocks[c], system.blocks[c + 1] - 1);
+    columns(own, station[c]) = change(own);
+  }
+  columns.rightCols<1>() = system.residual.head(rows);
+  const VectorXd squares = columns.colwise().squaredNorm();
+  MatrixXd unexplained = outside_span(range_basis(system.jacobian.topRows(rows), kLeastPivot), columns);
+
+  const auto rms = [&] { return unexplained.rightCols<1>().norm() / std::sqrt(static_cast<double>(rows)); };
+  StationScales result{.stations = {}, .misfit = rms(), .freedom = static_cast<double>(unexplained.rows())};
+  const Index most = std::max<Index>(count / 10, 1);
+  while (std::ssize(result.stations) < most && result.freedom > 1.0) {
+    const VectorXd shown = unexplained.colwise().squaredNorm();
+    const VectorXd along = unexplained.transpose() * unexplained.rightCols<1>();
+    const VectorXd gains =
+        (shown.array() > kLeastShown * squares.array()).select(along.array().square() / shown.array(), 0.0).head(count);
+    Index best = 0;
+    const double gain = gains.maxCoeff(&best);
+    const double F = gain / std::max(shown[count] - gain, 1e-300) * (result.freedom - 1.0);
+    if (!(static_cast<double>(count) * f_upper_tail(F, 1.0, result.freedom - 1.0) < kFalseAlarms)) {
+      break;
+    }
+    result.stations.push_back({.station = static_cast<std::size_t>(best), .factor = 1.0 - along[best] / shown[best]});
+    const VectorXd unit = unexplained.col(best).normalized();
+    unexplained -= unit * (unit.transpose() * unexplained).eval();
+    result.freedom -= 1.0;
+  }
+  result.left = rms();
+  return result;
 }
 
 double nominal_misfit(const ErrorModel& model, const Measurements& measurements, double factor) {

@@ -1,6 +1,9 @@
 #pragma once
 
-// One factor on all lengths. Not installed.
+// One factor on all lengths, or on those of one station. Not installed.
+
+#include <cstddef>
+#include <vector>
 
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
@@ -18,6 +21,22 @@ struct CommonScale {
 /// are free.
 CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                          const Unknowns& free);
+
+/// Stations whose lengths disagree with those of all others (with two stations, either of them), the clearest first:
+/// at most one of ten, each significant among all stations.
+struct StationScales {
+  struct One {
+    std::size_t station = 0;
+    double factor = 1.0;  ///< on its lengths, with which they would agree
+  };
+  std::vector<One> stations;
+  double misfit = 0.0;   ///< [m] RMS of the measured coordinates and distances after a linear fit
+  double left = 0.0;     ///< [m] the same with these factors
+  double freedom = 0.0;  ///< of `left`
+};
+
+StationScales scales_of_stations(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                                 const Unknowns& free);
 
 /// [m] RMS of the measured coordinates and distances, `factor` times as long as they were read, from those of the
 /// nominal arm with registered bases and targets.

@@ -33,6 +33,7 @@ using testing::distance_up_to_gauge;
 using ::testing::ElementsAre;
 using testing::geometry_alone;
 using ::testing::HasSubstr;
+using testing::lengths_between;
 using testing::points;
 using testing::refusal;
 using testing::Tracker;
@@ -120,24 +121,6 @@ TEST(PlacesOfAPlate, WithSocketsOnALineHoldTheRotationAboutIt) {
       }
     }
   }
-}
-
-// The length from target A in one configuration to target B in the next is a station with two points. Of a length five
-// directions of its base are free, so that it adds one equation.
-Measurements lengths_between(const Measurements& points) {
-  Measurements result = points;
-  result.observations.clear();
-  for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
-    Observation from = points.observations[first];
-    Observation to = points.observations[first + 3];
-    to.position = {(to.position - from.position).norm(), 0.0, 0.0};
-    from.position.setZero();
-    from.station = to.station = static_cast<std::int16_t>(result.stations.size());
-    result.stations.push_back("L" + std::to_string(result.stations.size() + 1));
-    result.observations.push_back(from);
-    result.observations.push_back(to);
-  }
-  return result;
 }
 
 TEST(LengthsBetweenTwoTargets, InTwoConfigurationsEachAreExactWithoutNoise) {

@@ -3,6 +3,7 @@
 // Virtual experiments with several stations, single coordinates and distances.
 
 #include <Eigen/Geometry>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -45,6 +46,24 @@ struct Ball : VirtualExperiment {
     return without_sigmas(touch({.sockets = sockets, .places = places, .sigma = noise}, ranges, count, random, robot));
   }
 };
+
+// The length from target A in one configuration to target B in the next is a station with two points. Of a length five
+// directions of its base are free, so that it adds one equation.
+inline Measurements lengths_between(const Measurements& points) {
+  Measurements result = points;
+  result.observations.clear();
+  for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
+    Observation from = points.observations[first];
+    Observation to = points.observations[first + 3];
+    to.position = {(to.position - from.position).norm(), 0.0, 0.0};
+    from.position.setZero();
+    from.station = to.station = static_cast<std::int16_t>(result.stations.size());
+    result.stations.push_back("L" + std::to_string(result.stations.size() + 1));
+    result.observations.push_back(from);
+    result.observations.push_back(to);
+  }
+  return result;
+}
 
 // Heights of three targets above four planes that are tilted against each other.
 struct Heights : VirtualExperiment {

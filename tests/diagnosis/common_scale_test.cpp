@@ -1,0 +1,102 @@
+#include "diagnosis/common_scale.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "geometry_alone.hpp"
+#include "interface/calibration_parts.hpp"
+#include "interface/ways_to_measure.hpp"
+#include "kdl_calibration/calibrate.hpp"
+
+namespace kdl_calibration::common_scale_test {
+namespace {
+
+using ::testing::AllOf;
+using testing::bundled_robot;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using testing::kNoise;
+
+// The lengths of one station are `factor` times as long as they are.
+Measurements with_scale(Measurements measurements, int station, double factor) {
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    Observation& observation = measurements.observations[row];
+    if (observation.station == station) {
+      observation.position *= factor;
+      if (!measurements.coordinates.empty()) {
+        measurements.coordinates[row].distance *= factor;
+      }
+    }
+  }
+  return measurements;
+}
+
+Calibration calibrated(const Measurements& measurements) {
+  CalibrationOptions options = testing::geometry_alone();
+  options.diagnosis.try_readings = true;
+  return calibrate(bundled_robot(), measurements, options);
+}
+
+StationScales scales_of(const Measurements& measurements) {
+  const Calibration found = calibrate(bundled_robot(), measurements, testing::geometry_alone());
+  const CalibrationParts& parts = found.parts();
+  return scales_of_stations(parts.model, measurements, parts.estimate, parts.free);
+}
+
+Measurements lengths(std::uint64_t seed) {
+  testing::VirtualExperiment experiment(
+      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(seed)});
+  return testing::lengths_between(testing::without_sigmas(experiment.measure(120, {.sigma = kNoise})));
+}
+
+struct Way {
+  const char* name;
+  Measurements measurements;
+  int station;
+  double factor;
+  double tolerance;  // five sigma of the factor, or more
+};
+
+std::vector<Way> ways(std::uint64_t seed) {
+  return {{"a tracker", testing::Tracker(seed).measured(36, kNoise), 1, 1.002, 2e-4},
+          {"a place of a plate", testing::Ball(seed).touched(6, 72, kNoise), 3, 0.97, 1e-3},
+          {"heights", testing::Heights(seed).measured(48, kNoise), 2, 1.01, 1e-3},
+          {"an unknown anchor", testing::Distances(seed).measured(3, false, 90, kNoise), 0, 0.99, 1e-3},
+          {"a length between two poses", lengths(seed), 17, 1.02, 1e-3}};
+}
+
+TEST(StationScales, NameTheStationWhoseLengthsContradictTheOthersAndTheFactor) {
+  for (const Way& way : ways(1)) {
+    const StationScales found = scales_of(with_scale(way.measurements, way.station, way.factor));
+    ASSERT_EQ(found.stations.size(), 1U) << way.name;
+    EXPECT_EQ(found.stations[0].station, static_cast<std::size_t>(way.station)) << way.name;
+    EXPECT_NEAR(found.stations[0].factor * way.factor, 1.0, way.tolerance) << way.name;
+    EXPECT_LT(found.left, 0.2 * found.misfit) << way.name;
+  }
+}
+
+TEST(StationScales, AccuseNoCorrectStation) {
+  for (std::uint64_t seed = 11; seed <= 12; ++seed) {
+    for (const Way& way : ways(seed)) {
+      EXPECT_THAT(scales_of(way.measurements).stations, IsEmpty()) << way.name << ' ' << seed;
+    }
+  }
+}
+
+TEST(StationScales, AreDoubtedByName) {
+  const Measurements correct = lengths(6);
+  EXPECT_TRUE(calibrated(correct).trusted());
+  const Calibration found = calibrated(with_scale(with_scale(correct, 17, 1.02), 30, 0.98));
+  EXPECT_FALSE(found.trusted());
+  ASSERT_FALSE(found.doubts().empty());
+  EXPECT_EQ(found.doubts()[0].cause, Cause::scale);
+  EXPECT_THAT(found.doubts()[0].message,
+              AllOf(HasSubstr("lengths of stations 'L31', 'L18'"),
+                    HasSubstr("contradict those of the other stations"), HasSubstr("0.98"), HasSubstr("1.02")));
+}
+
+}  // namespace
+}  // namespace kdl_calibration::common_scale_test
