@@ -41,7 +41,7 @@ TwoAngles angles_of(double a, double b, double c) {
   return {.values = {middle + half, middle - half}, .count = 2};
 }
 
-double wrapped(double angle) { return std::remainder(angle, 2.0 * std::numbers::pi); }
+double in_one_turn(double angle) { return std::remainder(angle, 2.0 * std::numbers::pi); }
 
 // The angle of the rotation about `axis` that takes `from` to `to`; none where they lie on the axis.
 std::optional<double> angle_about(const Vector3d& axis, const Vector3d& from, const Vector3d& to) {
@@ -120,7 +120,7 @@ void WristArm::add_wrists(const Matrix3d& wrist, SixJoints q, Solutions& solutio
       angles_of(a4.dot(across(a6, a5)), a4.dot(a5.cross(a6)), a4.dot(wrist * a6) - a5.dot(a6) * a5.dot(a4));
   solutions.singular = solutions.singular || fifth.any;
   for (std::size_t i = 0; i < fifth.count; ++i) {
-    q[4] = wrapped(fifth.values[i]);
+    q[4] = in_one_turn(fifth.values[i]);
     const std::optional<double> fourth = angle_about(a4, turn(4, q[4]) * a6, wrist * a6);
     const std::optional<double> sixth = angle_about(a6, wrist.transpose() * a4, turn(4, -q[4]) * a4);
     if (!fourth || !sixth) {
@@ -148,12 +148,12 @@ WristArm::Solutions WristArm::solve(const Eigen::Isometry3d& X_BF) const {
   solutions.singular = first.any;
   for (std::size_t i = 0; i < first.count; ++i) {
     SixJoints q = SixJoints::Zero();
-    q[0] = wrapped(first.values[i]);
+    q[0] = in_one_turn(first.values[i]);
     const Vector3d reach = across(axes_[0].point + turn(0, -q[0]) * from_first - axes_[1].point, a2);
     const TwoAngles third = angles_of(upper.dot(fore), side * upper.dot(a2.cross(fore)),
                                       0.5 * (reach.squaredNorm() - upper.squaredNorm() - fore.squaredNorm()));
     for (std::size_t k = 0; k < third.count; ++k) {
-      q[2] = wrapped(third.values[k]);
+      q[2] = in_one_turn(third.values[k]);
       const std::optional<double> second = angle_about(a2, upper + turn(2, q[2]) * fore, reach);
       if (!second) {
         solutions.singular = true;

@@ -90,7 +90,7 @@ TEST(KinematicFormats, XacroYamlHasTheOriginOfEveryJoint) {
     for (std::string text; std::getline(lines, text);) {
       std::smatch m;
       ASSERT_TRUE(std::regex_match(text, m, line)) << text;
-      const auto number = [&](int i) { return std::stod(m[i]); };
+      const auto number = [&](std::size_t i) { return std::stod(m[i]); };
       origins[m[1]] = {KDL::Rotation::RPY(number(5), number(6), number(7)),
                        KDL::Vector(number(2), number(3), number(4))};
     }
