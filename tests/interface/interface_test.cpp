@@ -10,7 +10,6 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
-#include <kdl/chainfksolverpos_recursive.hpp>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -26,7 +25,10 @@ namespace kdl_calibration::interface_test {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::difference;
 using ::testing::HasSubstr;
+using testing::kdl_pose;
+using testing::refusal;
 
 const Robot& fanuc() {
   static const Robot robot = load_robot(URDF_DIR "/fanuc_r2000ic_165f.urdf");
@@ -137,7 +139,6 @@ TEST(Interface, PredictsTheTrueRobotWithinTheRadius) {
 
 TEST(Interface, UncertaintyIsThatOfThePredictionsAskedForBeforeTheFit) {
   const Eigen::MatrixXd q = somewhere();
-  std::vector<std::string> lines;
   const Calibration asked = calibrate(fanuc(), experiment().measurements,
                                       {.predict_at = {.names = {"here"}, .joint_values = q, .signals = {}}});
   for (const std::string& target : asked.arm().targets()) {
@@ -146,28 +147,18 @@ TEST(Interface, UncertaintyIsThatOfThePredictionsAskedForBeforeTheFit) {
 }
 
 TEST(Interface, ChainIsThatOfTheExportedUrdf) {
-  const KDL::Chain chain = found().urdf_chain();
   const KDL::Chain exported = parse_robot(calibrated_urdf(fanuc(), found())).chain;
-  KDL::JntArray q(6);
-  q.data = somewhere();
-  KDL::Frame ours;
-  KDL::Frame theirs;
-  ASSERT_GE(KDL::ChainFkSolverPos_recursive(chain).JntToCart(q, ours), 0);
-  ASSERT_GE(KDL::ChainFkSolverPos_recursive(exported).JntToCart(q, theirs), 0);
-  EXPECT_TRUE(KDL::Equal(ours, theirs, 1e-12));
+  EXPECT_LT(difference(kdl_pose(found().urdf_chain(), somewhere()), kdl_pose(exported, somewhere())), 1e-12);
 }
 
 TEST(Interface, JacobianIsTheDerivativeOfThePose) {
   const CalibratedArm arm = found().arm();
   Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
   arm.flange_pose(somewhere(), jacobian);
-  constexpr double kStep = 1e-6;
-  for (Eigen::Index j = 0; j < 6; ++j) {
-    const Eigen::VectorXd step = Eigen::VectorXd::Unit(6, j) * kStep;
-    const Eigen::Vector3d motion =
-        arm.flange_pose(somewhere() + step).translation() - arm.flange_pose(somewhere() - step).translation();
-    EXPECT_LT((motion / (2.0 * kStep) - jacobian.col(j).head<3>()).norm(), 1e-8);
-  }
+  const Eigen::MatrixXd expected = testing::central_differences(6, 1e-6, [&](const Eigen::VectorXd& step) {
+    return Eigen::VectorXd(arm.flange_pose(somewhere() + step).translation());
+  });
+  EXPECT_LT((jacobian.topRows<3>() - expected).colwise().norm().maxCoeff(), 1e-8);
 }
 
 TEST(Interface, ParametersHaveNames) {
@@ -197,14 +188,8 @@ TEST(Interface, PlansWithinTheLimitsThatAreAsked) {
   EXPECT_EQ(plan.joint_values.cols(), 15);
   EXPECT_GT(plan.predicted_mean, 0.0);
   EXPECT_LE(plan.predicted_mean, plan.predicted_max);
-  const KDL::Chain chain = fanuc().chain;
-  KDL::ChainFkSolverPos_recursive solver(chain);
-  for (Eigen::Index c = 0; c < plan.joint_values.cols(); ++c) {
-    KDL::JntArray q(6);
-    q.data = plan.joint_values.col(c);
-    KDL::Frame flange;
-    ASSERT_GE(solver.JntToCart(q, flange), 0);
-    EXPECT_GE((flange * KDL::Vector(0.1, 0.0, 0.0)).z(), 0.3);
+  for (const auto& q : plan.joint_values.colwise()) {
+    EXPECT_GE((kdl_pose(fanuc().chain, q) * KDL::Vector(0.1, 0.0, 0.0)).z(), 0.3);
   }
   EXPECT_THAT(plan_csv(plan, fanuc().joints), HasSubstr("joint_1[deg]"));
 }
@@ -246,7 +231,7 @@ TEST_F(InterfaceFiles, ResultWithoutCovarianceGivesNoRadius) {
   const CalibratedArm again = load_calibration(file("without.json"), fanuc()).arm();
   EXPECT_GT(found().arm().predict(somewhere(), "A").covariance.trace(), 0.0);
   EXPECT_LT((again.flange_pose(somewhere()).matrix() - found().arm().flange_pose(somewhere()).matrix()).norm(), 1e-12);
-  EXPECT_THAT(testing::refusal([&] { again.predict(somewhere(), "A"); }), HasSubstr("at most 300 parameters"));
+  EXPECT_THAT(refusal([&] { again.predict(somewhere(), "A"); }), HasSubstr("at most 300 parameters"));
 }
 
 // Values that no calibration has, in a file that no hashes protect.
@@ -259,7 +244,7 @@ TEST_F(InterfaceFiles, ImpossibleValuesOfAResultAreRefused) {
       bad.at(nlohmann::json::json_pointer(path)) = value;
     }
     std::ofstream(file("bad.json")) << bad;
-    return testing::refusal([&] { load_calibration(file("bad.json"), fanuc()); });
+    return refusal([&] { load_calibration(file("bad.json"), fanuc()); });
   };
   EXPECT_EQ(refused({}), "nothing was refused");
   EXPECT_THAT(refused({{"/predicted_accuracy/radius_factor", -1.0}}),
@@ -284,7 +269,7 @@ TEST_F(InterfaceFiles, LinksAndModesStayAndNothingElseThanAFileIsReplaced) {
   EXPECT_EQ(text_of(file("old.urdf")), calibrated_urdf(fanuc(), found()));
   EXPECT_EQ(fs::status(file("old.urdf")).permissions(), fs::perms::owner_read | fs::perms::owner_write);
   ASSERT_EQ(::mkfifo(file("pipe").c_str(), 0600), 0);
-  EXPECT_THAT(testing::refusal([&] { write_urdf(file("pipe"), fanuc(), found()); }), HasSubstr("no regular file"));
+  EXPECT_THAT(refusal([&] { write_urdf(file("pipe"), fanuc(), found()); }), HasSubstr("no regular file"));
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
 }
 
@@ -292,9 +277,7 @@ TEST_F(InterfaceFiles, DhTablesAreTheRobotThatWasExported) {
   for (const KinematicFormat format : {KinematicFormat::dh, KinematicFormat::mdh}) {
     std::ofstream(file("table.json")) << kinematic_export(fanuc(), found(), format);
     const Robot again = load_dh_robot(file("table.json"));
-    EXPECT_LT(testing::difference(testing::kdl_pose(again.chain, somewhere()),
-                                  testing::kdl_pose(found().urdf_chain(), somewhere())),
-              1e-12);
+    EXPECT_LT(difference(kdl_pose(again.chain, somewhere()), kdl_pose(found().urdf_chain(), somewhere())), 1e-12);
   }
   EXPECT_EQ(kinematic_export(fanuc(), found(), KinematicFormat::urdf), calibrated_urdf(fanuc(), found()));
 }
@@ -331,10 +314,10 @@ TEST_F(InterfaceFiles, ExportsReplaceWholeFilesButNeverTheOneThatWasRead) {
   std::ofstream(file("own.urdf")) << fanuc().urdf;
   const Robot own = load_robot(file("own.urdf"));
   const Calibration of_own = calibrate(own, experiment().measurements, {.diagnosis = {.try_readings = false}});
-  EXPECT_THAT(testing::refusal([&] { write_urdf(file("own.urdf"), own, of_own); }),
+  EXPECT_THAT(refusal([&] { write_urdf(file("own.urdf"), own, of_own); }),
               HasSubstr("is the file that this calibration reads"));
   EXPECT_EQ(text_of(file("own.urdf")), fanuc().urdf);
-  EXPECT_THAT(testing::refusal([&] { write_urdf(file("none/calibrated.urdf"), fanuc(), found()); }),
+  EXPECT_THAT(refusal([&] { write_urdf(file("none/calibrated.urdf"), fanuc(), found()); }),
               HasSubstr("is no directory that exists"));
   EXPECT_EQ(std::distance(fs::directory_iterator(file("")), fs::directory_iterator()), 3);
 }
@@ -482,7 +465,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"plan, height", [] { plan_measurements(fanuc(), {.least_height = 100.0}); }, "height"},
   };
   for (const Case& each : cases) {
-    EXPECT_THAT(testing::refusal(each.call), HasSubstr(each.words)) << each.name;
+    EXPECT_THAT(refusal(each.call), HasSubstr(each.words)) << each.name;
   }
   EXPECT_STREQ(to_string(static_cast<Cause>(99)), "unknown");
   EXPECT_FALSE(fs::exists(file("x")));

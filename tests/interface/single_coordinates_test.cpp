@@ -25,12 +25,11 @@ namespace {
 
 using Eigen::Index;
 using Eigen::Matrix3d;
-using Eigen::Matrix3Xd;
-using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using testing::along;
 using testing::bundled_robot;
 using ::testing::Contains;
+using testing::distance_from_truth;
 using testing::Distances;
 using ::testing::Field;
 using testing::geometry_alone;
@@ -62,12 +61,6 @@ Measurements in_three_rows(const Measurements& points, Random& random) {
   return result;
 }
 
-double distance_up_to_gauge(const Calibration& found, const VirtualRobot& robot, const MatrixXd& q) {
-  const CalibrationParts& parts = found.parts();
-  return testing::distance_up_to_gauge(testing::points(parts.model, parts.estimate, q),
-                                       testing::points(robot.model, robot.truth, q));
-}
-
 // ---- Without noise -------------------------------------------------------------------------------------------------
 
 TEST(SingleCoordinates, ThreeRowsOfAPointAreThePoint) {
@@ -97,7 +90,7 @@ TEST(SingleCoordinates, HeightsAboveFourPlanesAreExactWithoutNoise) {
     const Calibration found = calibrate(bundled_robot(), experiment.measured(80), geometry_alone());
     EXPECT_TRUE(found.trusted()) << seed;
     EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6U + 4U * 3U);
-    EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9) << seed;
+    EXPECT_LT(distance_from_truth(found, experiment), 1e-9) << seed;
     EXPECT_TRUE(found.arm().predict(experiment.configurations(1).col(0), "A").covariance.allFinite());
     EXPECT_THAT(found.warnings(), Contains(HasSubstr("held as registered: base[S1]")));
     EXPECT_THAT(found.warnings(), Contains(HasSubstr("lengths along the measured directions")));
@@ -120,7 +113,7 @@ TEST(SingleCoordinates, TouchesOfFourPlanesLeaveTheScale) {
   const Calibration found = calibrate(bundled_robot(), measurements, options);
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), all - 1U);
-  EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
 }
 
 TEST(SingleCoordinates, HelpFewWholePoints) {
@@ -136,7 +129,7 @@ TEST(SingleCoordinates, HelpFewWholePoints) {
   const Calibration found = calibrate(bundled_robot(), mixed, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 3U * 3U);
-  EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
 }
 
 // Distances |X_WB p - a| from an anchor at an unknown place do not change if the arm turns about the anchor. So each of
@@ -149,7 +142,7 @@ TEST(DistancesFromAnchors, FromUnknownAnchorsAreExactWithoutNoise) {
       EXPECT_TRUE(found.trusted()) << anchors << seed;
       EXPECT_EQ(static_cast<int>(found.estimated().size()),
                 static_cast<int>(experiment.reduction.kept.size()) - 6 + 3 * anchors);
-      EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9) << anchors << seed;
+      EXPECT_LT(distance_from_truth(found, experiment), 1e-9) << anchors << seed;
     }
   }
 }
@@ -162,7 +155,7 @@ TEST(DistancesFromAnchors, FromKnownAnchorsAreExactWithTheBase) {
     EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size());
     const Estimate& estimate = found.parts().estimate;
     EXPECT_LT((estimate.X_WB.matrix() - experiment.robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9) << seed;
-    EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9) << seed;
+    EXPECT_LT(distance_from_truth(found, experiment), 1e-9) << seed;
   }
 }
 
@@ -171,7 +164,7 @@ TEST(DistancesFromAnchors, HelpFewWholePoints) {
   const Calibration found = calibrate(bundled_robot(), experiment.beside_points(6, 80), geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 3U);
-  EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
 }
 
 // The distance from a point on the axis of joint 1 does not depend on joint 1, and hardly on other errors.
@@ -199,19 +192,30 @@ TEST(DistancesFromAnchors, TwoPerCentTooLongAreDoubted) {
   EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::cause, Cause::scale)));
 }
 
-TEST(AnotherUnit, OfAllLengthsIsNamed) {
-  for (const double factor : {1e3, 1e-3}) {
-    std::vector<Measurements> each = {
-        Distances(4).measured(3, false, 60, kNoise), Distances(4).beside_points(6, 60, kNoise),
-        testing::Heights(4).measured(60, kNoise), testing::Ball(4).touched(4, 40, kNoise)};
-    for (Measurements& measurements : each) {
+// What shows a unit needs neither priors nor effects nor left-out rows. The long runs choose all of these as well.
+CalibrationOptions readings_alone() {
+  CalibrationOptions options = geometry_alone();
+  options.diagnosis.try_readings = true;
+  return options;
+}
+
+// `factors` on ways to measure, by turns.
+void expect_another_unit_of_all_lengths_is_named(const CalibrationOptions& options,
+                                                 const std::vector<double>& factors) {
+  const std::vector<Measurements> ways = {Distances(4).measured(3, false, 60, kNoise),
+                                          Distances(4).beside_points(6, 60, kNoise), Heights(4).measured(60, kNoise),
+                                          testing::Ball(4).touched(4, 40, kNoise)};
+  for (std::size_t way = 0; way < ways.size(); ++way) {
+    for (std::size_t i = way % 2; i < factors.size(); i += 2) {
+      const double factor = factors[i];
+      Measurements measurements = ways[way];
       for (Observation& observation : measurements.observations) {
         observation.position *= factor;
       }
       for (MeasuredCoordinates& measured : measurements.coordinates) {
         measured.distance *= factor;
       }
-      const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements).doubts();
+      const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements, options).doubts();
       ASSERT_FALSE(doubts.empty());
       EXPECT_EQ(doubts.front().cause, Cause::length_unit) << factor << ' ' << doubts.front().message;
     }
@@ -219,16 +223,26 @@ TEST(AnotherUnit, OfAllLengthsIsNamed) {
 }
 
 // All lengths times 0.001 leave a thousandth of what errors and noise leave, where little holds the points.
-TEST(AnotherUnit, IsNotNamedWhereFewRowsLeaveLittle) {
-  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+void expect_no_other_unit_where_few_rows_leave_little(const CalibrationOptions& options, std::uint64_t seeds) {
+  for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     testing::VirtualExperiment experiment({.random = Random(seed)});
     experiment.robot = at_stations(experiment.robot, 8, experiment.random);
     const Measurements rows =
         along(testing::without_sigmas(experiment.measure(14, {.sigma = kNoise})), Vector3d(1.0, 1.0, 0.0).asDiagonal());
-    const std::vector<Doubt> doubts = calibrate(bundled_robot(), rows).doubts();
+    const std::vector<Doubt> doubts = calibrate(bundled_robot(), rows, options).doubts();
     EXPECT_THAT(doubts, ::testing::Not(Contains(Field(&Doubt::cause, Cause::length_unit)))) << seed;
   }
 }
+
+TEST(AnotherUnit, OfAllLengthsIsNamed) { expect_another_unit_of_all_lengths_is_named(readings_alone(), {1e3, 1e-3}); }
+TEST(AnotherUnitLongRun, OfAllLengthsIsNamed) {
+  expect_another_unit_of_all_lengths_is_named({}, {1e3, 1e3, 1e-3, 1e-3});
+}
+
+TEST(AnotherUnit, IsNotNamedWhereFewRowsLeaveLittle) {
+  expect_no_other_unit_where_few_rows_leave_little(readings_alone(), 3);
+}
+TEST(AnotherUnitLongRun, IsNotNamedWhereFewRowsLeaveLittle) { expect_no_other_unit_where_few_rows_leave_little({}, 8); }
 
 TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToDiffer) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(2)});
@@ -252,7 +266,7 @@ TEST(SingleCoordinates, AreEnoughWhereThoseThatAreShownAreFewer) {
   const Calibration found = calibrate(bundled_robot(), heights, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), 33U);
-  EXPECT_LT(distance_up_to_gauge(found, experiment.robot, experiment.configurations(50)), 1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
   const Measurements few = subset(heights, [](const Observation& o) { return o.configuration % 5 != 0; });
   EXPECT_THAT(refusal([&] { calibrate(bundled_robot(), few, geometry_alone()); }),
               HasSubstr("32 measured coordinates for 33 unknowns"));

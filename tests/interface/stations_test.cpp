@@ -24,13 +24,14 @@ namespace kdl_calibration::stations_interface_test {
 namespace {
 
 using Eigen::Index;
-using Eigen::Matrix3Xd;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::Ball;
 using testing::bundled_robot;
-using testing::distance_up_to_gauge;
+using ::testing::Contains;
+using testing::distance_from_truth;
 using ::testing::ElementsAre;
+using ::testing::Field;
 using testing::geometry_alone;
 using ::testing::HasSubstr;
 using testing::lengths_between;
@@ -43,11 +44,10 @@ TEST(StationsOfATracker, AreExactWithoutNoise) {
   const Measurements measurements = experiment.measured(30);
   const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
   EXPECT_TRUE(found.trusted());
-  const CalibrationParts& parts = found.parts();
   EXPECT_EQ(found.estimated().size(), 27U + 3U * 6U);
   const MatrixXd q = experiment.configurations(50);
   const VirtualRobot& robot = experiment.robot;
-  EXPECT_LT(distance_up_to_gauge(points(parts.model, parts.estimate, q), points(robot.model, robot.truth, q)), 1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
   // Points in the frame of a station have no gauge.
   const CalibratedArm arm = found.arm();
   EXPECT_THAT(arm.stations(), ElementsAre("S1", "S2", "S3"));
@@ -69,12 +69,8 @@ TEST(PlacesOfAPlate, AreExactWithoutNoiseAndDetermineFiveDirectionsEach) {
     EXPECT_TRUE(found.doubts().empty());
     const auto arm = static_cast<int>(experiment.reduction.kept.size()) - 6;
     EXPECT_EQ(found.estimated().size(), static_cast<std::size_t>(arm + 5 * places));
-    const CalibrationParts& parts = found.parts();
-    const MatrixXd q = experiment.configurations(50);
-    const VirtualRobot& robot = experiment.robot;
-    EXPECT_LT(distance_up_to_gauge(points(parts.model, parts.estimate, q), points(robot.model, robot.truth, q)), 1e-9)
-        << places;
-    EXPECT_TRUE(found.arm().predict(q.col(0), "A").covariance.allFinite());
+    EXPECT_LT(distance_from_truth(found, experiment), 1e-9) << places;
+    EXPECT_TRUE(found.arm().predict(experiment.configurations(1).col(0), "A").covariance.allFinite());
   }
 }
 
@@ -84,11 +80,7 @@ TEST(PlacesOfAPlate, WithNoiseDetermineNoMore) {
   const Calibration found = calibrate(bundled_robot(), experiment.touched(4, 40, 3e-5), geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 4);
-  const MatrixXd q = experiment.configurations(50);
-  const VirtualRobot& robot = experiment.robot;
-  EXPECT_LT(
-      distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
-      6e-4);
+  EXPECT_LT(distance_from_truth(found, experiment), 6e-4);
 }
 
 // The other coordinates of a socket on the line say nothing of the rotation about it either.
@@ -133,13 +125,10 @@ TEST(LengthsBetweenTwoTargets, InTwoConfigurationsEachAreExactWithoutNoise) {
   const Calibration found = calibrate(bundled_robot(), lengths, options);
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 60);
-  const CalibrationParts& parts = found.parts();
-  const MatrixXd q = experiment.configurations(50);
-  const VirtualRobot& robot = experiment.robot;
-  EXPECT_LT(distance_up_to_gauge(points(parts.model, parts.estimate, q), points(robot.model, robot.truth, q)), 1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
   // One end of a length says nothing of where the other is.
   EXPECT_FALSE(found.accuracy().leave_one_out);
-  EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("nothing is known of unseen configurations")));
+  EXPECT_THAT(found.warnings(), Contains(HasSubstr("nothing is known of unseen configurations")));
 }
 
 // Nineteen lengths are fewer than the parameters of the arm.
@@ -159,7 +148,7 @@ TEST(Stations, OfOneConfigurationAreNotLeftOut) {
   options.validation.held_out = true;
   const Calibration found = calibrate(bundled_robot(), few, options);
   EXPECT_EQ(found.accuracy().leave_one_out->after.count, 3 * 20);
-  EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("station 'S3' has configuration 30 alone")));
+  EXPECT_THAT(found.warnings(), Contains(HasSubstr("station 'S3' has configuration 30 alone")));
 }
 
 // Eleven points are 33 coordinates, as many as the unknowns.
@@ -168,8 +157,7 @@ TEST(Stations, WithoutASurplusOfCoordinatesAreDoubted) {
   experiment.robot = at_stations(experiment.robot, 2, experiment.random);
   const Calibration found =
       calibrate(bundled_robot(), testing::without_sigmas(experiment.measure(11, {.sigma = 3e-5})), geometry_alone());
-  EXPECT_THAT(found.doubts(),
-              ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("as many unknowns as measured"))));
+  EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::message, HasSubstr("as many unknowns as measured"))));
 }
 
 TEST(Stations, CopiedTestRowsAreNamed) {
@@ -183,7 +171,7 @@ TEST(Stations, CopiedTestRowsAreNamed) {
   CalibrationOptions options = geometry_alone();
   options.diagnosis.try_readings = true;
   const Calibration found = calibrate(bundled_robot(), joined(rows, copies), options);
-  EXPECT_THAT(found.warnings(), ::testing::Contains(HasSubstr("has the very points of train configuration")));
+  EXPECT_THAT(found.warnings(), Contains(HasSubstr("has the very points of train configuration")));
 }
 
 TEST(Stations, OfTestRowsAloneAreRefused) {
@@ -203,21 +191,16 @@ TEST(PlacesOfAPlate, OneAloneDeterminesFiveDirections) {
   const Calibration found = calibrate(bundled_robot(), touches, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 1);
-  const MatrixXd q = experiment.configurations(50);
-  const VirtualRobot& robot = experiment.robot;
-  EXPECT_LT(
-      distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
-      1e-3);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-3);
   touches.stations.clear();
   EXPECT_THAT(calibrate(bundled_robot(), touches, geometry_alone()).doubts(),
-              ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("name the place of the plate"))));
+              Contains(Field(&Doubt::message, HasSubstr("name the place of the plate"))));
 }
 
 TEST(PlacesOfAPlate, OneAloneShowsAJointThatTurnsFartherThanItSays) {
   Measurements touches = Ball(13).touched(1, 60, 3e-5);
   touches.joint_values.row(5) *= 1.012;
-  EXPECT_THAT(calibrate(bundled_robot(), touches).doubts(),
-              ::testing::Contains(::testing::Field(&Doubt::cause, Cause::joint_gain)));
+  EXPECT_THAT(calibrate(bundled_robot(), touches).doubts(), Contains(Field(&Doubt::cause, Cause::joint_gain)));
 }
 
 TEST(PlacesOfAPlate, WithOneSocketAloneShowNoLength) {
@@ -225,37 +208,23 @@ TEST(PlacesOfAPlate, WithOneSocketAloneShowNoLength) {
   const Calibration found =
       calibrate(bundled_robot(), experiment.touched(4, 60, 1e-5, {{0.0, 0.0, 0.0}}), geometry_alone());
   EXPECT_FALSE(found.trusted());
-  EXPECT_THAT(found.doubts(),
-              ::testing::Contains(::testing::Field(&Doubt::message, HasSubstr("measure a second socket"))));
+  EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::message, HasSubstr("measure a second socket"))));
 }
 
 TEST(PlacesOfAPlate, WithOneSocketHoldThreeRotationsBesideATracker) {
   Ball experiment(5);
-  const Measurements tracker = experiment.measure(30);  // from one place
-  const Measurements touches = experiment.touched(2, 20, 0.0, {{0.0, 0.0, 0.0}});
-  Measurements both = joined(testing::without_sigmas(tracker), [&] {
-    Measurements alone = touches;
-    alone.stations.clear();
-    for (Observation& observation : alone.observations) {
-      observation.station = 0;
-    }
-    return alone;
-  }());
-  both.stations = {"tracker", "P1", "P2"};
-  for (Observation& observation : both.observations) {
-    observation.station = static_cast<std::int16_t>(
-        observation.configuration < 30
-            ? 0
-            : 1 + touches.observations[static_cast<std::size_t>(observation.configuration) - 30].station);
+  Measurements tracker = testing::without_sigmas(experiment.measure(30));  // from one place
+  Measurements beside = experiment.touched(2, 20, 0.0, {{0.0, 0.0, 0.0}});
+  beside.stations = {"tracker", "P1", "P2"};
+  for (Observation& observation : beside.observations) {
+    ++observation.station;
   }
+  tracker.stations = beside.stations;
+  const Measurements both = joined(tracker, beside);
   const Calibration found = calibrate(bundled_robot(), both, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() + 2U * 3U);
-  const MatrixXd q = experiment.configurations(50);
-  const VirtualRobot& robot = experiment.robot;
-  EXPECT_LT(
-      distance_up_to_gauge(points(found.parts().model, found.parts().estimate, q), points(robot.model, robot.truth, q)),
-      1e-9);
+  EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
 }
 
 TEST(Stations, AKnownBaseMakesTheFirstOffsetDetermined) {
@@ -328,7 +297,7 @@ TEST(Stations, OfOneConfigurationLeaveTheAutomaticChoices) {
   const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_TRUE(found.trusted());
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 1e-4);
-  EXPECT_THAT(found.warnings(), ::testing::Not(::testing::Contains(HasSubstr("neighbours"))));
+  EXPECT_THAT(found.warnings(), ::testing::Not(Contains(HasSubstr("neighbours"))));
 }
 
 // The fit absorbs a wrong distance of the sockets in the lengths of the links.
@@ -341,7 +310,7 @@ TEST(PlacesOfAPlate, WithSocketsAPerCentOffAreDoubted) {
   }
   const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2e-4);
-  EXPECT_THAT(found.doubts(), ::testing::Contains(::testing::Field(&Doubt::cause, Cause::scale)));
+  EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::cause, Cause::scale)));
 }
 
 TEST(Stations, TwoStepIsRefused) {

@@ -7,6 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "geometry_alone.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "planning/plate.hpp"
 #include "support.hpp"
 #include "virtual_experiment.hpp"
@@ -26,6 +29,15 @@ inline Measurements along(Measurements measurements, const Eigen::Matrix3d& P) {
     measurements.stations = {"W"};
   }
   return measurements;
+}
+
+// The largest distance of points of the found arm from those of the true one, at new configurations and up to the
+// gauge.
+inline double distance_from_truth(const Calibration& found, VirtualExperiment& experiment) {
+  const Eigen::MatrixXd q = experiment.configurations(50);
+  const CalibrationParts& parts = found.parts();
+  return distance_up_to_gauge(points(parts.model, parts.estimate, q),
+                              points(experiment.robot.model, experiment.robot.truth, q));
 }
 
 // A tracker that is moved twice.
