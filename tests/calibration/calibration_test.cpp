@@ -9,8 +9,8 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -34,9 +34,12 @@ using ::testing::Contains;
 using testing::difference;
 using testing::fanuc;
 using ::testing::HasSubstr;
+using testing::held_out_rms;
 using testing::kdl_pose;
 using ::testing::Not;
 using testing::VirtualExperiment;
+
+const CalibrationSettings kQuick{.validation = {.held_out = false}, .diagnosis = {.try_readings = false}};
 
 struct Simulated : VirtualExperiment {
   Measurements measured;
@@ -60,29 +63,18 @@ TEST(Calibration, ExportedUrdfIsTheCalibratedRobot) {
   const Simulated s(1, 0.0);
   const CalibrationResult found = calibrate(s.model, s.measured);
   ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
-  const Eigen::VectorXd& errors = found.fit.identification.estimate.errors;
-  const Robot exported = parse_robot(calibrated_urdf(fanuc(), s.model, errors));
-  const KDL::Chain chain = error_chain(s.model, errors);
-  const KDL::Chain nominal_of_exported = exported.chain;
-  Random random(2);
-  for (int i = 0; i < 1000; ++i) {
-    const Eigen::VectorXd q = testing::random_joints(s.model, random);
-    ASSERT_LT(difference(kdl_pose(chain, q), kdl_pose(nominal_of_exported, q)), 1e-12);
-    ASSERT_LT(difference(kdl_pose(folded_chain(s.model, errors), q), kdl_pose(nominal_of_exported, q)), 1e-12);
-  }
   EXPECT_LT(found.difference_to_kdl, 1e-12);
-}
-
-TEST(Calibration, ExportWithErrorsOfThePublishedSizeReadsBackToTheSameChain) {
-  const Robot robot = fanuc();
-  const ErrorModel model = complete_model(robot);
   Random random(3);
-  for (int trial = 0; trial < 20; ++trial) {
-    const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * testing::kDegree);
-    const Robot exported = parse_robot(calibrated_urdf(robot, model, errors));
+  std::vector<Eigen::VectorXd> all = {found.fit.identification.estimate.errors};
+  for (int trial = 0; trial < 20; ++trial) {  // of the published size
+    all.push_back(testing::random_errors(s.model, random, 0.0025, 3.0 * testing::kDegree));
+  }
+  for (const Eigen::VectorXd& errors : all) {
+    const KDL::Chain exported = parse_robot(calibrated_urdf(fanuc(), s.model, errors)).chain;
     for (int i = 0; i < 50; ++i) {
-      const Eigen::VectorXd q = testing::random_joints(model, random);
-      ASSERT_LT(difference(kdl_pose(error_chain(model, errors), q), kdl_pose(exported.chain, q)), 1e-12);
+      const Eigen::VectorXd q = testing::random_joints(s.model, random);
+      ASSERT_LT(difference(kdl_pose(error_chain(s.model, errors), q), kdl_pose(exported, q)), 1e-12);
+      ASSERT_LT(difference(kdl_pose(folded_chain(s.model, errors), q), kdl_pose(exported, q)), 1e-12);
     }
   }
 }
@@ -90,8 +82,7 @@ TEST(Calibration, ExportWithErrorsOfThePublishedSizeReadsBackToTheSameChain) {
 TEST(Calibration, ExportWithoutErrorsIsTheFileByteForByte) {
   const Robot robot = fanuc();
   const ErrorModel model = complete_model(robot);
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  EXPECT_EQ(calibrated_urdf(robot, model, zero), robot.urdf);
+  EXPECT_EQ(calibrated_urdf(robot, model, testing::errors_of(model)), robot.urdf);
 }
 
 TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
@@ -147,55 +138,29 @@ TEST(Calibration, WithKnownFramesTheGaugeIsIdentified) {
   EXPECT_LT(found.accuracy.train.after.max, 1e-12);
 }
 
-TEST(Calibration, CompleteModelFitsAsWellAndNamesItsGauge) {
-  const Simulated s(7, 0.00003);
-  const CalibrationResult irreducible = calibrate(s.model, s.measured);
-  const CalibrationResult complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
-  EXPECT_TRUE(complete.trusted());
-  EXPECT_EQ(complete.uncertainty.identifiability.rank, 33);
-  EXPECT_EQ(static_cast<int>(complete.uncertainty.fixed_by_gauge.size()),
-            complete.uncertainty.identifiability.columns - 33);
-  EXPECT_NEAR(complete.accuracy.train.after.rms, irreducible.accuracy.train.after.rms, 1e-9);
-}
-
-// Errors in units of the usual ones, and the directions in which nothing is seen, in the same units.
-struct OpenErrors {
-  Eigen::VectorXd errors;
-  Eigen::MatrixXd open;
-
-  OpenErrors(const CalibrationResult& found, const Measurements& measured, const Unknowns& columns) {
-    const Estimate& estimate = found.fit.identification.estimate;
-    const LeastSquaresProblem problem(found.model, measured, columns);
-    open = undetermined_directions(problem.whitened_summary(estimate).sqrt_information);
-    errors = Eigen::VectorXd::Zero(columns.size());
-    for (Eigen::Index c = 0; c < columns.size(); ++c) {
-      const Unknown& unknown = columns.columns()[static_cast<std::size_t>(c)];
-      const bool geometric = unknown.group == UnknownGroup::geometric;
-      const double usual = unknown.length ? 0.003 : 0.005;
-      errors[c] = geometric ? Unknowns::value(estimate, unknown) / usual : 0.0;
-      open.row(c) *= geometric ? 1.0 / usual : 0.0;
-    }
-  }
-};
-
-TEST(Calibration, CompleteModelHasTheSmallestErrorsOfAllThatAreAsGood) {
+// MinimumNorm proves that no smaller errors fit as well.
+TEST(Calibration, CompleteModelFitsAsWellBySmallerErrorsAndNamesItsGauge) {
   for (const double sigma : {0.0, 3e-5}) {
     const Simulated s(7, sigma);
     const CalibrationResult irreducible = calibrate(s.model, s.measured);
     const CalibrationResult complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
+    EXPECT_TRUE(complete.trusted());
+    EXPECT_EQ(complete.uncertainty.identifiability.rank, 33);
+    EXPECT_EQ(static_cast<int>(complete.uncertainty.fixed_by_gauge.size()),
+              complete.uncertainty.identifiability.columns - 33);
+    EXPECT_NEAR(complete.accuracy.train.after.rms, irreducible.accuracy.train.after.rms, 1e-9);
     EXPECT_TRUE(complete.fit.minimum_norm);
     EXPECT_FALSE(irreducible.fit.minimum_norm);
     EXPECT_THAT(complete.diagnosis.warnings, Contains(HasSubstr("smallest errors that fit")));
-    const OpenErrors smallest(complete, s.measured, complete.fit.candidates);
-    const OpenErrors other(irreducible, s.measured, complete.fit.candidates);
-    EXPECT_EQ(smallest.open.cols(), complete.uncertainty.identifiability.columns - 33);
-    // At the smallest sum of squares it does not change along what is open.
-    const Eigen::VectorXd slope = smallest.open.transpose() * smallest.errors;
-    EXPECT_LT(slope.cwiseAbs().maxCoeff(), 1e-6 * smallest.open.norm() * smallest.errors.norm());
-    EXPECT_GT((other.open.transpose() * other.errors).cwiseAbs().maxCoeff(),
-              1e-3 * other.open.norm() * other.errors.norm());
-    EXPECT_LT(smallest.errors.norm(), 0.99 * other.errors.norm());
-    EXPECT_LT(complete.accuracy.train.after.rms, (1.0 + 1e-9) * irreducible.accuracy.train.after.rms + 1e-12);
+    const auto size = [&](const CalibrationResult& found) {  // in units of the usual errors
+      double squares = 0.0;
+      for (std::size_t p = 0; p < s.model.parameters.size(); ++p) {
+        const double usual = is_length(s.model, s.model.parameters[p]) ? 0.003 : 0.005;
+        squares += std::pow(found.fit.identification.estimate.errors[static_cast<Eigen::Index>(p)] / usual, 2);
+      }
+      return std::sqrt(squares);
+    };
+    EXPECT_LT(size(complete), 0.99 * size(irreducible));
   }
 }
 
@@ -242,8 +207,7 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
   for (const std::vector<int>& moving : cases) {
     SCOPED_TRACE(::testing::PrintToString(moving));
     const PartlyMoved s(40, moving);
-    const CalibrationResult found = calibrate(
-        s.model, joined(s.train, s.test), {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    const CalibrationResult found = calibrate(s.model, joined(s.train, s.test), kQuick);
     EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
     EXPECT_LT(found.accuracy.train.after.max, 1e-10);
     EXPECT_LT(found.accuracy.test->after.max, 1e-10);
@@ -302,57 +266,37 @@ TEST(Calibration, WithPriorsOnEveryErrorOnlyFramesAreFixed) {
   EXPECT_TRUE(found.uncertainty.fixed_by_gauge.empty());
 }
 
-// Position errors of asked points over their predicted sigmas.
-struct AskedErrors {
-  double squares = 0.0;
-  double inside = 0.0;  // the radius of 95 %
-  double count = 0.0;
-};
-
-void add_asked_errors(std::uint64_t seed, int configurations, AskedErrors& sums) {
-  const Simulated s(seed, 0.00003);
-  Random random(seed);
-  CalibrationSettings options;
-  options.predict_at.joint_values = random_configurations(limits_of(s.model.joints), configurations, random);
-  for (int c = 0; c < configurations; ++c) {
-    options.predict_at.names.push_back("p" + std::to_string(c));
-  }
-  options.noise.stated.independent.setConstant(0.00003);
-  const CalibrationResult found = calibrate(s.model, s.measured, options);
-  const KDL::Chain real = error_chain(s.robot.model, s.robot.truth.errors);
-  ASSERT_EQ(found.uncertainty.predicted.asked.size(), static_cast<std::size_t>(3 * configurations));
-  for (std::size_t i = 0; i < found.uncertainty.predicted.asked.size(); ++i) {
-    const AskedPoint& point = found.uncertainty.predicted.asked[i];
-    EXPECT_EQ(point.configuration, "p" + std::to_string(i / 3));
-    const auto q = options.predict_at.joint_values.col(static_cast<Eigen::Index>(i / 3));
-    const Eigen::Isometry3d X_BF = to_eigen(kdl_pose(real, q));
-    const Eigen::Vector3d truth = s.robot.truth.X_WB * (X_BF * s.robot.truth.targets[i % 3].X_FT.translation());
-    const Eigen::Vector3d error = point.position_W - truth;
-    EXPECT_LT((found.fit.identification.estimate.X_WB * point.position - point.position_W).norm(), 1e-12);
-    EXPECT_NEAR(point.sigma, point.std.norm(), 1e-12);
-    sums.squares += error.cwiseQuotient(point.std).squaredNorm();
-    sums.inside += error.norm() < point.radius_95 ? 1.0 : 0.0;
-    sums.count += 1.0;
-  }
-}
-
-TEST(Calibration, PredictsPositionsAtAskedConfigurations) {
-  AskedErrors sums;
-  add_asked_errors(201, 4, sums);
-  EXPECT_GT(sums.squares / sums.count / 3.0, 0.2);
-  EXPECT_LT(sums.squares / sums.count / 3.0, 4.0);
-}
-
-// Mean square 3 per point. The radius is that of a measured point, so that the true one lies inside more often.
+// Errors of asked points have their predicted sigmas: a mean square of 3 per point. The radius is that of a measured
+// point, so that the true one lies inside more often.
 TEST(CalibrationLongRun, PredictsPositionsAtAskedConfigurations) {
-  AskedErrors sums;
+  double squares = 0.0;
+  double inside = 0.0;
+  double count = 0.0;
   for (std::uint64_t seed = 201; seed <= 240; ++seed) {
-    add_asked_errors(seed, 10, sums);
+    const Simulated s(seed, 0.00003);
+    Random random(seed);
+    CalibrationSettings options;
+    options.predict_at.joint_values = random_configurations(limits_of(s.model.joints), 10, random);
+    for (int c = 0; c < 10; ++c) {
+      options.predict_at.names.push_back("p" + std::to_string(c));
+    }
+    options.noise.stated.independent.setConstant(0.00003);
+    const CalibrationResult found = calibrate(s.model, s.measured, options);
+    const KDL::Chain real = error_chain(s.robot.model, s.robot.truth.errors);
+    ASSERT_EQ(found.uncertainty.predicted.asked.size(), 30U);
+    for (std::size_t i = 0; i < 30; ++i) {
+      const AskedPoint& point = found.uncertainty.predicted.asked[i];
+      const Eigen::VectorXd q = options.predict_at.joint_values.col(static_cast<Eigen::Index>(i / 3));
+      const Eigen::Vector3d error = point.position_W - testing::kdl_point(real, s.robot.truth, q, i % 3);
+      squares += error.cwiseQuotient(point.std).squaredNorm();
+      inside += error.norm() < point.radius_95 ? 1.0 : 0.0;
+      count += 1.0;
+    }
   }
-  testing::record("mean square over variance", sums.squares / sums.count / 3.0);
-  testing::record("within the 95 % radius", sums.inside / sums.count);
-  EXPECT_NEAR(sums.squares / sums.count / 3.0, 1.0, 0.15);
-  EXPECT_GE(sums.inside / sums.count, 0.95);
+  testing::record("mean square over variance", squares / count / 3.0);
+  testing::record("within the 95 % radius", inside / count);
+  EXPECT_NEAR(squares / count / 3.0, 1.0, 0.15);
+  EXPECT_GE(inside / count, 0.95);
 }
 
 TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
@@ -444,10 +388,8 @@ TEST(Calibration, PointsLeftOutAreThoseOfAFitWithoutTheirConfiguration) {
       if (point.configuration != left_out) {
         continue;
       }
-      const KDL::Frame X_BF = kdl_pose(chain, s.measured.joint_values.col(left_out));
-      const Eigen::Vector3d t = found.targets[static_cast<std::size_t>(point.target)].X_FT.translation();
-      const KDL::Vector in_base = X_BF * KDL::Vector(t.x(), t.y(), t.z());
-      const Eigen::Vector3d predicted = found.X_WB * Eigen::Vector3d(in_base.x(), in_base.y(), in_base.z());
+      const Eigen::Vector3d predicted =
+          testing::kdl_point(chain, found, s.measured.joint_values.col(left_out), point.target);
       EXPECT_LT((point.measured - predicted - point.residual).norm(), 3e-7) << "a hundredth of the noise";
       EXPECT_GT(point.residual.norm(), 3e-6);
       ++points;
@@ -466,15 +408,13 @@ TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
 
 TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   Simulated s(12, 0.00003);
-  const CalibrationResult clean =
-      calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+  const CalibrationResult clean = calibrate(s.model, s.measured, kQuick);
   s.measured.observations[40].position.y() += 0.01;
-  const CalibrationResult spoilt =
-      calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+  const CalibrationResult spoilt = calibrate(s.model, s.measured, kQuick);
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
-    const CalibrationResult robust = calibrate(
-        s.model, s.measured,
-        {.estimator = {.loss = loss}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    CalibrationSettings options = kQuick;
+    options.estimator.loss = loss;
+    const CalibrationResult robust = calibrate(s.model, s.measured, options);
     ASSERT_EQ(robust.fit.robust.weights.size(), 90U);
     EXPECT_LT(robust.fit.robust.weights[40], 0.02);
     EXPECT_EQ(std::min_element(robust.fit.robust.weights.begin(), robust.fit.robust.weights.end()) -
@@ -485,72 +425,50 @@ TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   }
 }
 
-// 3D RMS of what the calibration predicts at fresh configurations against the truth.
-double held_out_rms(const VirtualRobot& truth, const CalibrationResult& found, Random& random) {
-  const Eigen::MatrixXd q = random_configurations(limits_of(truth.model.joints), 200, random);
-  const Estimate& estimate = found.fit.identification.estimate;
-  const auto real = flange_poses(truth.model, truth.truth, q);
-  const auto ours = flange_poses(truth.model, estimate, q);
-  double sum = 0.0;
-  for (std::size_t c = 0; c < real.size(); ++c) {
-    for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
-      sum += (truth.truth.X_WB * (real[c] * truth.truth.targets[k].X_FT.translation()) -
-              estimate.X_WB * (ours[c] * estimate.targets[k].X_FT.translation()))
-                 .squaredNorm();
-    }
-  }
-  return std::sqrt(sum / static_cast<double>(3 * real.size()));
-}
-
 // `largest_ratio`: of the held-out errors, robustly fitted with the defect over fitted without it.
 void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio) {
-  // From configuration 13 on the third target sits 1 mm elsewhere on the tool.
   const Eigen::Vector3d slip(0.0006, -0.0006, 0.00053);
-  const auto slipped = [&](const Simulated& s, Measurements& m) {
-    const auto poses = flange_poses(s.model, s.robot.truth, m.joint_values);
-    for (Observation& o : m.observations) {
-      if (o.target == 2 && o.configuration >= 12) {
-        o.position += s.robot.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
-      }
-    }
+  struct Defect {
+    std::string words;
+    std::function<void(Simulated&)> make;
+    double squares = 0.0;
   };
-  const auto swapped = [](Measurements& m) { std::swap(m.observations[15].position, m.observations[16].position); };
-  const auto mistyped = [](Measurements& m) { m.observations[40].position.y() += 0.01; };
-  const std::vector<std::string> expected = {"after configuration 12", "swapped in configuration 6",
-                                             "configuration 14"};
+  std::vector<Defect> defects = {
+      {"after configuration 12",  // from configuration 13 on the third target sits 1 mm elsewhere on the tool
+       [&](Simulated& s) {
+         const auto poses = flange_poses(s.model, s.robot.truth, s.measured.joint_values);
+         for (Observation& o : s.measured.observations) {
+           if (o.target == 2 && o.configuration >= 12) {
+             o.position +=
+                 s.robot.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
+           }
+         }
+         s.robot.truth.targets[2].X_FT.translation() += slip;  // where it is from now on
+       }},
+      {"swapped in configuration 6",
+       [](Simulated& s) { std::swap(s.measured.observations[15].position, s.measured.observations[16].position); }},
+      {"configuration 14", [](Simulated& s) { s.measured.observations[40].position.y() += 0.01; }}};
   double clean_squares = 0.0;
-  std::array<double, 3> robust_squares = {};
   for (std::uint64_t seed = 101; seed <= 100 + seeds; ++seed) {
-    Simulated s(seed, 0.00003);
-    const CalibrationResult clean =
-        calibrate(s.model, s.measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
+    const Simulated right(seed, 0.00003);
+    Simulated s = right;
+    const CalibrationResult clean = calibrate(s.model, s.measured, kQuick);
     EXPECT_TRUE(clean.diagnosis.findings.empty()) << clean.diagnosis.findings.front().message;
-    Random random(seed + 1000);
-    clean_squares += std::pow(held_out_rms(s.robot, clean, random), 2);
-    for (std::size_t defect = 0; defect < 3; ++defect) {
-      Measurements spoilt = s.measured;
-      if (defect == 0) {
-        slipped(s, spoilt);
-      } else {
-        defect == 1 ? swapped(spoilt) : mistyped(spoilt);
-      }
-      const CalibrationResult found = calibrate(s.model, spoilt,
-                                                {.estimator = {.loss = Loss::tukey},
-                                                 .validation = {.held_out = false},
-                                                 .diagnosis = {.try_readings = false}});
-      EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr(expected[defect]))) << seed;
-      VirtualRobot truth = s.robot;
-      if (defect == 0) {  // what is measured from now on is where the target sits now
-        truth.truth.targets[2].X_FT.translation() += slip;
-      }
-      Random same(seed + 1000);
-      robust_squares[defect] += std::pow(held_out_rms(truth, found, same), 2);
+    clean_squares += std::pow(held_out_rms(s, clean.fit.identification.estimate, 200), 2);
+    for (Defect& defect : defects) {
+      s = right;
+      defect.make(s);
+      CalibrationSettings robust = kQuick;
+      robust.estimator.loss = Loss::tukey;
+      const CalibrationResult found = calibrate(s.model, s.measured, robust);
+      EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr(defect.words))) << seed;
+      defect.squares += std::pow(held_out_rms(s, found.fit.identification.estimate, 200), 2);
     }
   }
-  for (std::size_t defect = 0; defect < 3; ++defect) {
-    const double ratio = std::sqrt(robust_squares[defect] / clean_squares);
-    testing::record(expected[defect] + ", robust held out over clean", ratio);
-    EXPECT_LT(ratio, largest_ratio) << expected[defect];
+  for (const Defect& defect : defects) {
+    const double ratio = std::sqrt(defect.squares / clean_squares);
+    testing::record(defect.words + ", robust held out over clean", ratio);
+    EXPECT_LT(ratio, largest_ratio) << defect.words;
   }
 }
 
@@ -562,58 +480,14 @@ TEST(CalibrationLongRun, DefectsOfTheMeasurementsAreNamedAndTheRobustFitSurvives
   expect_defects_named_and_survived(20, 1.1);
 }
 
-// `of_mean`: how far the mean of the p-values may be from one half; `most_below`: runs with one below 0.05.
-void expect_lack_of_fit_as_often_as_it_says(int runs, double of_mean, int most_below) {
-  VirtualExperiment experiment;
-  const MeasuringNoise noise{.sigma = 0.00001, .repeats = 10, .common = Eigen::Vector3d::Constant(0.00004)};
-  double mean = 0.0;
-  int below = 0;
-  for (int run = 0; run < runs; ++run) {
-    experiment.restart(Random(300, static_cast<std::uint64_t>(run)));
-    const Eigen::MatrixXd q = experiment.configurations(30);
-    const auto tested = [&](const Measurements& measured) {
-      return *calibrate(experiment.model, measured,
-                        {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})
-                  .noise.lack_of_fit;
-    };
-    const LackOfFit clean = tested(experiment.measure(q, noise));
-    EXPECT_NEAR(clean.degrees_of_freedom, 270 - 33, 1e-6);
-    EXPECT_EQ(clean.repeat_degrees_of_freedom, 3 * 30 * 3 * 9);
-    mean += clean.p_value / runs;
-    below += clean.p_value < 0.05 ? 1 : 0;
-    if (run == 0) {  // an encoder with an error twice per turn of joint 3, which no geometry explains
-      Eigen::MatrixXd off = q;
-      off.row(2).array() += 0.001 * (2.0 * q.row(2).array()).sin();
-      Measurements measured = experiment.measure(off, noise);
-      measured.joint_values = q;
-      const LackOfFit misfit = tested(measured);
-      EXPECT_LT(misfit.p_value, 1e-10);
-      EXPECT_EQ(misfit.explained_by_joint.size(), 6U);
-    }
-  }
-  testing::record("mean p without misfit", mean);
-  testing::record("p below 0.05", below);
-  EXPECT_NEAR(mean, 0.5, of_mean);
-  EXPECT_LE(below, most_below);
-}
-
-TEST(Calibration, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {
-  expect_lack_of_fit_as_often_as_it_says(5, 0.3, 2);
-}
-
-TEST(CalibrationLongRun, LackOfFitFiresAsOftenAsItsPValueSaysAndNamesTheJoint) {
-  expect_lack_of_fit_as_often_as_it_says(60, 0.15, 9);
-}
-
 TEST(Calibration, OneOrTwoTargetsAreEnough) {
   for (const int targets : {1, 2}) {
-    const Simulated s(47, 0.0, targets);
+    Simulated s(47, 0.0, targets);
     const CalibrationResult found = calibrate(s.model, s.measured);
     ASSERT_TRUE(found.trusted()) << found.fit.identification.message;
     EXPECT_EQ(found.uncertainty.identifiability.rank, s.reduction.rank);
     EXPECT_LT(found.accuracy.train.after.max, 1e-12);
-    Random random(48);
-    EXPECT_LT(held_out_rms(s.robot, found, random), 1e-11);
+    EXPECT_LT(held_out_rms(s, found.fit.identification.estimate, 200), 1e-11);
   }
 }
 
@@ -809,7 +683,7 @@ struct Beside {
   CalibrationResult found;
 
   Beside(const ErrorModel& model, const Measurements& measured)
-      : alone(calibrate(model, measured, {.validation = {.held_out = false}, .diagnosis = {.try_readings = false}})),
+      : alone(calibrate(model, measured, kQuick)),
         found(calibrate(model, measured, {.validation = {.held_out = false}})) {}
 };
 
@@ -935,7 +809,7 @@ TEST(CalibrationOnRealDataLongRun, R2000iCRadiusHoldsWhatNothingHasSeen) {
   EXPECT_LE(share, 0.99);
 }
 
-TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies) {
+TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudiesAndWeighThePoints) {
   const CalibrationResult found = calibrate(complete_model(fanuc()), real_measurements());
   ASSERT_TRUE(found.noise.repeats.has_value());
   const Eigen::Vector3d common(0.000058, 0.000059, 0.000031);
@@ -955,10 +829,7 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
   // What geometry misses is four times what repeats scatter, as left-out configurations show.
   EXPECT_GT(found.noise.misfit, 0.00008);
   EXPECT_LT(found.noise.misfit, 0.00012);
-}
-
-TEST(CalibrationOnRealData, R2000iCIsPredictedBetterWithWeightsByThePartsOfTheNoise) {
-  const CalibrationResult found = calibrate(complete_model(fanuc()), real_measurements());
+  // Predicted better than with equal weights, see R2000iCFitsAsIndependentFitsDid.
   testing::record("leave-one-out [m]", found.accuracy.leave_one_out->after.rms);
   EXPECT_LT(found.accuracy.leave_one_out->after.rms, 0.0002);
 }
