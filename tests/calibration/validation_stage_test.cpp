@@ -8,7 +8,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <set>
 
 #include "calibration/calibrate.hpp"
@@ -419,48 +418,6 @@ TEST(ValidationStage, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   EXPECT_NEAR(found.accuracy.leave_one_out->after.p95, expected.p95, 1e-5 * expected.p95);
   // Without a fit of its own a fold is predicted to a tenth of the noise.
   EXPECT_NEAR(found.accuracy.leave_one_out->before.rms, error_statistics(before).rms, 0.1 * found.noise.sigma);
-}
-
-TEST(ValidationStage, KFoldIsALoopOverFoldsOfTrainingConfigurations) {
-  const InDoubt arm;
-  for (const int folds : {2, 3, 5}) {
-    SCOPED_TRACE(folds);
-    const std::vector<std::vector<Index>> groups = make_folds(arm.measured, folds);
-    ASSERT_EQ(groups.size(), static_cast<std::size_t>(folds));
-    std::vector<Index> all;
-    for (const auto& group : groups) {
-      all.insert(all.end(), group.begin(), group.end());
-      EXPECT_GE(group.size(), static_cast<std::size_t>(11 / folds));
-      EXPECT_LE(group.size(), static_cast<std::size_t>((11 + folds - 1) / folds));
-    }
-    std::sort(all.begin(), all.end());
-    std::vector<Index> expected(11);
-    std::iota(expected.begin(), expected.end(), Index{0});
-    EXPECT_EQ(all, expected);
-    CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
-    options.selection.priors = {.length = 1e-3, .angle = 1e-3};  // so that half of the configurations suffice
-    options.noise.stated.independent.setConstant(4e-4);
-    options.validation.k_fold = folds;
-    const CalibrationResult found = calibrate(arm.model, arm.measured, options);
-    const JointOptions joint{.residuals = {.priors = options.selection.priors, .noise = options.noise.stated}};
-    std::vector<double> distances;
-    for (const auto& group : groups) {
-      const Estimate refit = identify_jointly(arm.model, without(arm.measured, group),
-                                              found.fit.identification.estimate, found.fit.free, joint)
-                                 .estimate;
-      for (const Index c : group) {
-        const auto own = distances_to_means(arm, refit, c);
-        distances.insert(distances.end(), own.begin(), own.end());
-      }
-    }
-    const ErrorStatistics statistics = error_statistics(distances);
-    ASSERT_TRUE(found.accuracy.k_fold.has_value());
-    EXPECT_EQ(found.accuracy.k_fold->after.count, 33);
-    // Without a fit of its own a fold is predicted to a tenth of the noise.
-    EXPECT_NEAR(found.accuracy.k_fold->after.rms, statistics.rms, 0.1 * found.noise.sigma);
-    EXPECT_NEAR(found.accuracy.k_fold->after.mean, statistics.mean, 0.1 * found.noise.sigma);
-    EXPECT_NEAR(found.accuracy.k_fold->after.max, statistics.max, 0.1 * found.noise.sigma);
-  }
 }
 
 }  // namespace
