@@ -14,6 +14,7 @@
 #include "kdl_calibration/noise_model.hpp"
 #include "model/reduction.hpp"
 #include "planning/simulation.hpp"
+#include "screening/messages.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::data_quality_test {
@@ -24,6 +25,7 @@ using testing::fanuc;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::kDegree;
+using testing::messages;
 using testing::VirtualExperiment;
 
 /// The published experiment: 30 configurations, three tools, errors that the reduced model carries.
@@ -93,15 +95,6 @@ void swap_targets(Measurements& measurements, int configuration, int a, int b) {
       observation.target = observation.target == a ? b : a;
     }
   }
-}
-
-std::vector<std::string> messages(const std::vector<QualityFinding>& findings) {
-  std::vector<std::string> result;
-  result.reserve(findings.size());
-  for (const QualityFinding& finding : findings) {
-    result.push_back(finding.message);
-  }
-  return result;
 }
 
 // ---- no false alarms -----------------------------------------------------------------------------------------------
@@ -313,14 +306,6 @@ TEST(DataQuality, NamesTheRepeatOfASwapAndARing) {
                           "targets A, B and C are swapped in configuration 9"));
 }
 
-TEST(DataQuality, NamesATargetMeasuredUnderAnothersName) {
-  Measurements measured = experiment().measured(3, kSmall, kNoise);
-  row(measured, 5, 1).position = row(measured, 5, 2).position;
-  const std::vector<QualityFinding> findings = experiment().findings(measured);
-  EXPECT_THAT(messages(findings), ElementsAre("target B in configuration 5 lies where target C is"));
-  EXPECT_EQ(findings.at(0).kind, QualityKind::mistaken_target);
-}
-
 // ---- single rows ---------------------------------------------------------------------------------------------------
 
 TEST(DataQuality, NamesAMistypedCoordinate) {
@@ -355,13 +340,6 @@ TEST(DataQuality, SaysInWordsWhichCoordinateAndHowMuch) {
   ASSERT_FALSE(of_distances.empty());
   EXPECT_EQ(of_distances[0].kind, QualityKind::displaced_point);
   EXPECT_THAT(of_distances[0].message, HasSubstr("target B in configuration 5, repeat 1 is off by at least "));
-}
-
-TEST(DataQuality, NamesAPointThatIsOffAlongSeveralAxes) {
-  Measurements measured = experiment().measured(1, kSmall, kNoise);
-  row(measured, 5, 1).position += Eigen::Vector3d(0.003, 0.0, -0.004);
-  EXPECT_THAT(messages(experiment().findings(measured)),
-              ElementsAre("target B in configuration 5, repeat 1 is off by about 5.0 mm"));
 }
 
 TEST(DataQuality, NamesAConfigurationWhoseJointValuesAreWrong) {
@@ -441,22 +419,6 @@ TEST(JointConventionsInTheData, NamesTheConventionThatFits) {
   }
 }
 
-TEST(JointConventionsInTheData, NamesEachJointWithTheOppositeSign) {
-  const Measurements measured = experiment().measured(2, kSmall, kNoise);
-  const JointConvention serial = shipped("serial");
-  for (Eigen::Index j = 0; j < 6; ++j) {
-    for (const JointConvention* used : {static_cast<const JointConvention*>(nullptr), &serial}) {
-      Measurements wrong = measured;
-      wrong.joint_values.row(j) *= -1.0;
-      const auto better = better_convention(try_conventions(experiment().model, wrong, experiment().free,
-                                                            {.used = used, .others = {serial, shipped("pendant")}}));
-      ASSERT_TRUE(better.has_value()) << j;
-      EXPECT_EQ(better->description, "joint_" + std::to_string(j + 1) + " with the opposite sign");
-      EXPECT_LT(better->rms, 0.0001);
-    }
-  }
-}
-
 TEST(JointConventionsInTheData, NamesTheControllersJointWhereTheConventionCouplesThem) {
   const Measurements measured = experiment().measured(3, kSmall, kNoise);
   const JointConvention pendant = shipped("pendant");
@@ -526,18 +488,6 @@ TEST(JointConventionsInTheData, HaveNothingBetterToOfferWhereTheFitIsFine) {
       EXPECT_TRUE(trials.front().present);
       EXPECT_FALSE(better_convention(trials).has_value());
     }
-  }
-}
-
-TEST(JointConventionsInTheData, OfOtherRobotsAreLeftOut) {
-  const Measurements measured = experiment().measured(1, kSmall, kNoise, 1, 12);
-  JointConvention other = shipped("pendant");
-  other.name = "other.json";
-  other.urdf_joints[0] = "shoulder";
-  const auto trials = try_conventions(experiment().model, measured, experiment().free, {.others = {other}});
-  EXPECT_GT(trials.size(), 1U);
-  for (const ConventionTrial& trial : trials) {
-    EXPECT_THAT(trial.description, ::testing::Not(HasSubstr("other.json")));
   }
 }
 

@@ -9,6 +9,7 @@
 #include "model/kinematics.hpp"
 #include "refusal.hpp"
 #include "screening/data_quality.hpp"
+#include "screening/messages.hpp"
 
 namespace kdl_calibration::distance_check_test {
 namespace {
@@ -17,6 +18,7 @@ using Eigen::Vector3d;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using testing::messages;
 using testing::refusal;
 
 /// A tool with these points in places and orientations at random, and what is needed to move one of the points in its
@@ -71,14 +73,6 @@ struct Tool {
 const std::vector<Vector3d> kTriangle = {{0.0, 0.0, 0.0}, {0.1, 0.0, 0.0}, {0.02, 0.13, 0.0}};
 const std::vector<Vector3d> kSix = {{0.0, 0.0, 0.0},   {0.1, 0.0, 0.0},  {0.02, 0.13, 0.0},
                                     {0.0, 0.05, 0.17}, {0.1, 0.1, 0.08}, {-0.07, 0.02, 0.1}};
-
-std::vector<std::string> messages(const std::vector<QualityFinding>& findings) {
-  std::vector<std::string> result;
-  for (const QualityFinding& finding : findings) {
-    result.push_back(finding.message);
-  }
-  return result;
-}
 
 // ---- whose blame it is ---------------------------------------------------------------------------------------------
 

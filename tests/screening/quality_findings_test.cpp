@@ -5,11 +5,14 @@
 #include <array>
 #include <utility>
 
+#include "screening/messages.hpp"
+
 namespace kdl_calibration::quality_findings_test {
 namespace {
 
 using Eigen::Vector3d;
 using ::testing::ElementsAre;
+using testing::messages;
 
 /// Rows (configuration, repeat, target) of three configurations "a", "b", "c" and four targets.
 Measurements with_rows(const std::vector<std::array<int, 3>>& rows) {
@@ -47,14 +50,6 @@ Found found_at(QualityKind kind, int configuration, int repeat, const std::vecto
 
 std::vector<QualityFinding> together(const std::vector<Found>& all) {
   return put_together(three_repeats(), groups_of(three_repeats()), all);
-}
-
-std::vector<std::string> messages(const std::vector<QualityFinding>& findings) {
-  std::vector<std::string> result;
-  for (const QualityFinding& finding : findings) {
-    result.push_back(finding.message);
-  }
-  return result;
 }
 
 TEST(QualityFindings, WhatEveryRepeatHasIsOneFindingOfTheMean) {

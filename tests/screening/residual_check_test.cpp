@@ -9,6 +9,7 @@
 #include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "screening/data_quality.hpp"
+#include "screening/messages.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::residual_check_test {
@@ -20,6 +21,7 @@ using ::testing::ElementsAre;
 using testing::fanuc;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using testing::messages;
 using testing::refusal;
 using testing::targets_at;
 
@@ -75,14 +77,6 @@ struct Known {
     return check_residuals(model, measured, truth, options);
   }
 };
-
-std::vector<std::string> messages(const std::vector<QualityFinding>& findings) {
-  std::vector<std::string> result;
-  for (const QualityFinding& finding : findings) {
-    result.push_back(finding.message);
-  }
-  return result;
-}
 
 TEST(ResidualCheck, HasNothingToSayWhereARobustFitMayFollowAnyRow) {
   for (const bool many : {true, false}) {
