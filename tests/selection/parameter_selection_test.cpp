@@ -4,11 +4,10 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
+#include <iterator>
 #include <set>
 #include <sstream>
 
-#include "base/name_pattern.hpp"
 #include "calibration/calibrate.hpp"
 #include "effects/effect_terms.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -32,74 +31,67 @@ std::vector<TargetFrame> a_point_and_a_frame() {
   return targets;
 }
 
-std::vector<std::string> names_of(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  std::vector<std::string> names = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
-  for (const TargetFrame& target : targets) {
-    for (const char* coordinate : {"x", "y", "z", "Rx", "Ry", "Rz"}) {
-      if (target.with_orientation || coordinate[0] != 'R') {
-        names.push_back(target.name + "." + coordinate);
-      }
-    }
-  }
-  for (const ErrorParameter& parameter : model.parameters) {
-    names.push_back(parameter.name);
-  }
-  return names;
+std::vector<std::string> words(const std::string& text) {
+  std::istringstream stream(text);
+  return {std::istream_iterator<std::string>(stream), {}};
 }
 
-bool matches_any(const std::vector<std::string>& patterns, const std::string& name) {
-  return std::any_of(patterns.begin(), patterns.end(),
-                     [&](const std::string& pattern) { return matches_pattern(pattern, name); });
-}
+struct Choice {
+  const char* name;
+  ParameterOptions options;
+  std::string more;  // than the irreducible model, frames included
+  std::string less;
+};
 
-// `held`: coordinates of known frames that nobody frees, or that are fixed.
-void expect_choice(const ErrorModel& model, const ParameterOptions& options, const std::vector<std::string>& held) {
-  const std::vector<TargetFrame> targets = a_point_and_a_frame();
-  constexpr int kConfigurations = 15;
-  const ParameterSelection found = select_parameters(model, targets, options, {.configurations = kConfigurations});
-  const Reduction reduction = reduced_model(model, targets, {.fixed = held, .configurations = kConfigurations});
-  EXPECT_EQ(found.reduction.kept, reduction.kept);
-  EXPECT_EQ(found.reduction.rank, reduction.rank);
-  std::vector<std::string> free;
-  std::vector<std::string> complete;
-  for (const std::string& name : names_of(model, targets)) {
-    const bool kept = std::find(reduction.kept.begin(), reduction.kept.end(), name) != reduction.kept.end();
-    const bool gauge = std::any_of(reduction.gauge.begin(), reduction.gauge.end(),
-                                   [&](const GaugeParameter& parameter) { return parameter.name == name; });
-    const bool is_held = matches_any(options.fix, name) || std::find(held.begin(), held.end(), name) != held.end();
-    const bool wanted = options.model == ModelChoice::complete || kept || matches_any(options.free, name);
-    if (!is_held && wanted) {
-      free.push_back(name);
-    }
-    if (!is_held && (wanted || (name.find('.') == std::string::npos && !gauge))) {
-      complete.push_back(name);
-    }
-  }
-  EXPECT_EQ(found.free, free);
-  EXPECT_EQ(found.complete, complete);
-}
-
-TEST(ParameterSelection, IsWhatIsKeptAndFreedLessWhatIsFixedAndKnown) {
+// By the published irreducible model of such an arm (Klimchik et al. 2014). Its 18 errors, 6 of the base and 6 of the
+// frame B are the 30 of a chain of six revolute joints; each known coordinate of base or B makes one more error known.
+TEST(ParameterSelection, IsThePublishedModelWithWhatIsFreedWithoutWhatIsFixedOrKnown) {
+  const std::string irreducible =
+      "base.Tx base.Ty base.Tz base.Rx base.Ry base.Rz A.x A.y A.z B.x B.y B.z B.Rx B.Ry B.Rz "
+      "dq2 dq3 dq4 dq5 Tx1 Ty1 Ry1 Tz2 Rz2 Ry2 Tz3 Ty3 Rz3 Tz4 Tx4 Rz4 Tz5 Rz5";
+  // What these replace. The offsets of the first and the last joint are gauge.
+  const std::string replaced = "Tz0 Tx0 Ty0 Rz0 Rx0 Ry0 Rx1 Ty2 Ry3 Rx4 Ty5 Ry5 Tz6 Tx6 Rz6 Rx6";
+  const std::string everything = replaced + " dq1 dq6";
+  const std::string behind_b = "dq6 Ty5 Tz6 Tx6 Rz6 Rx6";
+  const TargetFrame a = a_point_and_a_frame()[0];
+  const TargetFrame b = a_point_and_a_frame()[1];
+  const Eigen::Isometry3d base = Eigen::Isometry3d::Identity();
+  const std::vector<Choice> choices = {
+      {"default", {}, "", ""},
+      {"complete", {.model = ModelChoice::complete}, everything, ""},
+      {"fixed", {.fix = {"*4", "Rz?", "dq2"}}, "", "dq2 dq4 Tz4 Tx4 Rz4 Rx4 Rz0 Rz2 Rz3 Rz5 Rz6"},
+      {"freed", {.free = {"dq1", "T?6"}}, "dq1 Tz6 Tx6", ""},
+      {"complete but for some",
+       {.model = ModelChoice::complete, .fix = {"Tx*"}, .free = {"dq1"}},
+       everything,
+       "Tx0 Tx1 Tx4 Tx6"},
+      {"base", {.known_base = base}, "dq1 Tz0 Tx0 Ty0 Rx0 Ry0", "base.Tx base.Ty base.Tz base.Rx base.Ry base.Rz"},
+      {"base turned", {.free = {"base.T?"}, .known_base = base}, "dq1 Rx0 Ry0", "base.Rx base.Ry base.Rz"},
+      {"base turned and fixed",
+       {.fix = {"base.Rz"}, .free = {"base.T?"}, .known_base = base},
+       "dq1 Rx0 Ry0",
+       "base.Rx base.Ry base.Rz"},
+      {"frame", {.known_targets = {b}}, behind_b, "B.x B.y B.z B.Rx B.Ry B.Rz"},
+      {"frame turned", {.free = {"B.?"}, .known_targets = {b}}, "dq6 Rz6 Rx6", "B.Rx B.Ry B.Rz"},
+      {"frame and point", {.known_targets = {b, a}}, behind_b, "A.x A.y A.z B.x B.y B.z B.Rx B.Ry B.Rz"}};
   const ErrorModel model = complete_model(testing::fanuc());
-  expect_choice(model, {}, {});
-  expect_choice(model, {.model = ModelChoice::complete}, {});
-  expect_choice(model, {.fix = {"*4", "Rz?", "dq2"}}, {});
-  expect_choice(model, {.free = {"dq1", "T?6"}}, {});
-  expect_choice(model, {.model = ModelChoice::complete, .fix = {"Tx*"}, .free = {"dq1"}}, {});
-  const std::vector<std::string> base = {"base.Tx", "base.Ty", "base.Tz", "base.Rx", "base.Ry", "base.Rz"};
-  ParameterOptions known{.known_base = Eigen::Isometry3d::Identity()};
-  expect_choice(model, known, base);
-  known.free = {"base.T?"};
-  expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
-  known.fix = {"base.Rz"};
-  expect_choice(model, known, {"base.Rx", "base.Ry", "base.Rz"});
-  ParameterOptions frame{.known_targets = {a_point_and_a_frame()[1]}};
-  expect_choice(model, frame, {"B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
-  frame.free = {"B.?"};
-  expect_choice(model, frame, {"B.Rx", "B.Ry", "B.Rz"});
-  frame.known_targets.push_back(a_point_and_a_frame()[0]);
-  frame.free = {};
-  expect_choice(model, frame, {"A.x", "A.y", "A.z", "B.x", "B.y", "B.z", "B.Rx", "B.Ry", "B.Rz"});
+  for (const Choice& choice : choices) {
+    const ParameterSelection found =
+        select_parameters(model, a_point_and_a_frame(), choice.options, {.configurations = 15});
+    const auto expected = [&](const std::string& candidates) {
+      const std::vector<std::string> all = words(candidates + " " + choice.more);
+      std::set<std::string> names(all.begin(), all.end());
+      for (const std::string& name : words(choice.less)) {
+        names.erase(name);
+      }
+      return names;
+    };
+    EXPECT_THAT(found.free, ::testing::UnorderedElementsAreArray(expected(irreducible))) << choice.name;
+    EXPECT_THAT(found.complete, ::testing::UnorderedElementsAreArray(expected(irreducible + " " + replaced)))
+        << choice.name;
+  }
+  EXPECT_EQ(select_parameters(model, a_point_and_a_frame(), {}, {.configurations = 15}).free, words(irreducible))
+      << "in the declared order";
 }
 
 TEST(ParameterSelection, IsMadeAtTheGeometryThatIsStated) {
