@@ -13,7 +13,6 @@
 #include <functional>
 #include <map>
 #include <numeric>
-#include <optional>
 
 #include "calibration/calibration_settings.hpp"
 #include "estimation/least_squares.hpp"
@@ -79,12 +78,6 @@ TEST(Calibration, ExportedUrdfIsTheCalibratedRobot) {
   }
 }
 
-TEST(Calibration, ExportWithoutErrorsIsTheFileByteForByte) {
-  const Robot robot = fanuc();
-  const ErrorModel model = complete_model(robot);
-  EXPECT_EQ(calibrated_urdf(robot, model, testing::errors_of(model)), robot.urdf);
-}
-
 TEST(Calibration, GivesThirtyThreeOfThirtyFiveParametersWithTheirUncertainty) {
   const Simulated s(4, 0.00003);
   const CalibrationResult found = calibrate(s.model, s.measured);
@@ -145,6 +138,7 @@ TEST(Calibration, CompleteModelFitsAsWellBySmallerErrorsAndNamesItsGauge) {
     const CalibrationResult irreducible = calibrate(s.model, s.measured);
     const CalibrationResult complete = calibrate(s.model, s.measured, {.parameters = {.model = ModelChoice::complete}});
     EXPECT_TRUE(complete.trusted());
+    EXPECT_EQ(complete.fit.identification.termination, Termination::converged);
     EXPECT_EQ(complete.uncertainty.identifiability.rank, 33);
     EXPECT_EQ(static_cast<int>(complete.uncertainty.fixed_by_gauge.size()),
               complete.uncertainty.identifiability.columns - 33);

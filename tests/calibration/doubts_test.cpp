@@ -20,7 +20,6 @@
 #include "kdl_calibration/noise_model.hpp"
 #include "mistake_table.hpp"
 #include "model/kinematics.hpp"
-#include "model/reduction.hpp"
 #include "planning/simulation.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "support.hpp"
@@ -537,13 +536,6 @@ TEST(WarningsOfCalibrations, AreExactlyThoseOfTheCause) {
 TEST(WarningsOfCalibrations, OfTheRegistrationAreHandedOn) {
   EXPECT_THAT(with_one_moving_joint().diagnosis.warnings,
               Contains("registration: the configurations leave a rotation of the base undetermined"));
-}
-
-TEST(DoubtsOfCalibrations, AreNotRaisedByTheCompleteModelOfGoodData) {
-  const CalibrationResult found = Series().calibrated({.parameters = {.model = ModelChoice::complete}});
-  EXPECT_THAT(causes_of(found), IsEmpty());
-  EXPECT_EQ(found.fit.identification.termination, Termination::converged);
-  EXPECT_THAT(found.uncertainty.fixed_by_gauge, Not(IsEmpty()));
 }
 
 TEST(DoubtsOfCalibrations, WhereNothingIsGainedTheUrdfIsTheOneThatWasRead) {

@@ -22,7 +22,6 @@ using testing::for_rows;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::joint_mistakes;
-using testing::kDegree;
 using testing::large_arm;
 using testing::light_arm;
 using testing::Measured;
@@ -214,12 +213,6 @@ TEST(AlternativeReadings, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAre
               HasSubstr("test configuration 8 is at the pose of train configuration 3: that is no independent test"));
   EXPECT_THAT(found[1].message, HasSubstr("test configuration 8 has the very points of train configuration 3"));
   EXPECT_FALSE(found[0].doubt || found[1].doubt);
-}
-
-TEST(AlternativeReadings, RefuseMeasurementsOfAnotherRobot) {
-  const Measured m = measured(large_arm(), 1);
-  const Measured other = measured(light_arm(), 1);
-  EXPECT_THROW(alternative_readings(m.model, other.data, m.truth, m.free), InputError);
 }
 
 // ---- where a suspicion begins --------------------------------------------------------------------------------------
@@ -431,6 +424,7 @@ TEST(AlternativeReadings, RefuseWhatDoesNotHoldTogether) {
   Estimate other = estimate;
   other.targets.pop_back();
   EXPECT_THROW(alternative_readings(m.model, m.data, other, m.free), InputError);
+  EXPECT_THROW(alternative_readings(large_arm(), m.data, estimate, m.free), InputError) << "another robot";
   const Measured more = measured(light_arm(), 1, {.configurations = 6, .targets = 5});
   EXPECT_THROW(alternative_readings(m.model, m.data, estimate, more.free), InputError);
   ReadingOptions options;

@@ -8,7 +8,6 @@
 #include <functional>
 #include <set>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "mistake_table.hpp"
@@ -30,7 +29,6 @@ using testing::Measured;
 using testing::measured;
 using ::testing::Not;
 using testing::refusal;
-using testing::VirtualExperiment;
 
 /// The controller's second and third joint count against each other, and its zero is elsewhere.
 JointConvention coupled_convention(const std::vector<std::string>& urdf_joints) {

@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
-
 #include "diagnosis/trial_fit.hpp"
 #include "effects/effect_terms.hpp"
 #include "mistake_table.hpp"

@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -19,7 +18,6 @@
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
-#include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
 #include "model/parameters.hpp"
 #include "refusal.hpp"

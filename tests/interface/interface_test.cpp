@@ -273,15 +273,6 @@ TEST_F(InterfaceFiles, LinksAndModesStayAndNothingElseThanAFileIsReplaced) {
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
 }
 
-TEST_F(InterfaceFiles, DhTablesAreTheRobotThatWasExported) {
-  for (const KinematicFormat format : {KinematicFormat::dh, KinematicFormat::mdh}) {
-    std::ofstream(file("table.json")) << kinematic_export(fanuc(), found(), format);
-    const Robot again = load_dh_robot(file("table.json"));
-    EXPECT_LT(difference(kdl_pose(again.chain, somewhere()), kdl_pose(found().urdf_chain(), somewhere())), 1e-12);
-  }
-  EXPECT_EQ(kinematic_export(fanuc(), found(), KinematicFormat::urdf), calibrated_urdf(fanuc(), found()));
-}
-
 TEST_F(InterfaceFiles, UndeterminedDirectionsAreReadBack) {
   Measurements still = experiment().measurements;
   still.joint_values.row(3).setConstant(0.2);

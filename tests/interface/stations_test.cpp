@@ -5,9 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <set>
 #include <string>
 #include <vector>
 

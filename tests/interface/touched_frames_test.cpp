@@ -3,11 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
-#include <cmath>
-#include <functional>
 #include <kdl/chainiksolverpos_lma.hpp>
-#include <string>
-#include <vector>
 
 #include "refusal.hpp"
 #include "support.hpp"

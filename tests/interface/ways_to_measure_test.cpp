@@ -4,8 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "calibration/parameter_estimates.hpp"
@@ -23,8 +23,13 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using testing::Ball;
 using testing::bundled_robot;
+using testing::Distances;
+using testing::Heights;
 using testing::kNoise;
+using testing::Touches;
+using testing::Tracker;
 using testing::VirtualExperiment;
 
 // The inverse of the Fisher information with the true noise: no covariance of an unbiased estimate is below it.
@@ -79,9 +84,8 @@ struct Statistics {
 
 // Runs the experiment 300 times. The true errors are those of the reduced model, so that their gauge is that of the
 // estimate. `known`: the name of an error that is zero and held.
-template <class Experiment>
-void expect_coverage_and_efficiency(Experiment experiment, const std::string& known,
-                                    const std::function<Measurements(Experiment&)>& measured) {
+template <class Experiment, class Measure>
+void expect_coverage_and_efficiency(Experiment experiment, const Measure& measured, const std::string& known = {}) {
   CalibrationOptions options = testing::geometry_alone();
   if (!known.empty()) {
     options.parameters.fix = {known};
@@ -107,57 +111,50 @@ void expect_coverage_and_efficiency(Experiment experiment, const std::string& kn
 }
 
 TEST(WaysToMeasureLongRun, ATrackerThatIsMoved) {
-  expect_coverage_and_efficiency<testing::Tracker>(testing::Tracker(), {}, [](testing::Tracker& experiment) {
-    experiment.move();
-    return experiment.measured(24, kNoise);
+  expect_coverage_and_efficiency(Tracker(), [](Tracker& tracker) {
+    tracker.move();
+    return tracker.measured(24, kNoise);
   });
 }
 
 TEST(WaysToMeasureLongRun, PlacesOfAPlateWithTwoSockets) {
-  expect_coverage_and_efficiency<testing::Ball>(
-      testing::Ball(), {}, [](testing::Ball& experiment) { return experiment.touched(4, 40, kNoise); });
+  expect_coverage_and_efficiency(Ball(), [](Ball& ball) { return ball.touched(4, 40, kNoise); });
 }
 
 TEST(WaysToMeasureLongRun, OnePlaceOfAPlate) {
-  expect_coverage_and_efficiency<testing::Ball>(
-      testing::Ball(), {}, [](testing::Ball& experiment) { return experiment.touched(1, 60, kNoise); });
+  expect_coverage_and_efficiency(Ball(), [](Ball& ball) { return ball.touched(1, 60, kNoise); });
 }
 
 // Each place has one pose at either end of a known length.
 TEST(WaysToMeasureCampaign, LengthsBetweenTwoPoses) {
-  expect_coverage_and_efficiency<testing::Ball>(
-      testing::Ball(), {}, [](testing::Ball& experiment) { return experiment.touched(60, 120, kNoise); });
+  expect_coverage_and_efficiency(Ball(), [](Ball& ball) { return ball.touched(60, 120, kNoise); });
 }
 
 TEST(WaysToMeasureLongRun, HeightsAboveFourPlanes) {
-  expect_coverage_and_efficiency<testing::Heights>(testing::Heights(), {}, [](testing::Heights& experiment) {
-    experiment.move();
-    return experiment.measured(60, kNoise);
+  expect_coverage_and_efficiency(Heights(), [](Heights& heights) {
+    heights.move();
+    return heights.measured(60, kNoise);
   });
 }
 
 TEST(WaysToMeasureLongRun, TouchesOfFourPlanesBesideAKnownLength) {
-  expect_coverage_and_efficiency<testing::Touches>(
-      testing::Touches(), "Tz2", [](testing::Touches& experiment) { return experiment.touched(4, 80, kNoise); });
+  expect_coverage_and_efficiency(
+      Touches(), [](Touches& touches) { return touches.touched(4, 80, kNoise); }, "Tz2");
 }
 
+// Known places of fewer than three anchors leave base rotations open: as with unknown anchors.
 TEST(WaysToMeasureLongRun, DistancesFromAnchors) {
-  for (const int anchors : {1, 2, 3}) {
-    for (const bool known : {false, true}) {
-      if (known && anchors < 3) {
-        continue;  // leave base rotations open: as with unknown anchors
-      }
-      SCOPED_TRACE(std::to_string(anchors) + (known ? " known" : " unknown"));
-      expect_coverage_and_efficiency<testing::Distances>(testing::Distances(), {}, [&](testing::Distances& experiment) {
-        return experiment.measured(anchors, known, 60, kNoise);
-      });
-    }
+  for (const auto& [anchors, known] : {std::pair{1, false}, {2, false}, {3, false}, {3, true}}) {
+    SCOPED_TRACE(std::to_string(anchors) + (known ? " known" : " unknown"));
+    expect_coverage_and_efficiency(Distances(), [anchors = anchors, known = known](Distances& distances) {
+      return distances.measured(anchors, known, 60, kNoise);
+    });
   }
 }
 
 TEST(WaysToMeasureLongRun, WholePointsBesideDistances) {
-  expect_coverage_and_efficiency<testing::Distances>(
-      testing::Distances(), {}, [](testing::Distances& experiment) { return experiment.beside_points(6, 60, kNoise); });
+  expect_coverage_and_efficiency(Distances(),
+                                 [](Distances& distances) { return distances.beside_points(6, 60, kNoise); });
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 
 #include <array>
-#include <utility>
 
 #include "screening/messages.hpp"
 

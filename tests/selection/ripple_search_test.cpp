@@ -10,7 +10,6 @@
 #include <map>
 #include <numbers>
 
-#include "effects/effect_terms.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::ripple_search_test {
@@ -19,7 +18,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
 constexpr double kHalfTurn = std::numbers::pi;

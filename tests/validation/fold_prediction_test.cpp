@@ -82,9 +82,8 @@ struct ByTheOthers {
 };
 
 Vector3d expected_at(const FitProblem& problem, const Estimate& estimate, const HeldOutPoint& point) {
-  const Eigen::Isometry3d X_BF =
-      flange_pose(folded(problem.model, estimate.errors), problem.measurements.joint_values.col(point.configuration));
-  return estimate.X_WB * (X_BF * estimate.targets[static_cast<std::size_t>(point.target)].X_FT.translation());
+  const VectorXd q = problem.measurements.joint_values.col(point.configuration);
+  return testing::kdl_point(error_chain(problem.model, estimate.errors), estimate, q, point.target);
 }
 
 // What was measured of a target in a configuration, by the mean of its training rows.
