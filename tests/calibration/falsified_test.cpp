@@ -8,7 +8,6 @@
 #include <cstdio>
 #include <functional>
 #include <numbers>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +15,7 @@
 #include "calibration/calibration_settings.hpp"
 #include "measurements/same_poses.hpp"
 #include "mistake_table.hpp"
+#include "planning/plate.hpp"
 
 namespace kdl_calibration::testing::falsified_test {
 namespace {
@@ -263,51 +263,20 @@ TEST(FalsifiedLongRun, FilesOfThreeRobotsAreDoubted) {
 
 // ---- files that are right ------------------------------------------------------------------------------------------
 
-// Joint values at which a target lies at a place, by Newton's method from random ones; nothing where it goes nowhere.
-std::optional<Eigen::VectorXd> touching(const Measured& m, std::size_t target, const Vector3d& place, Random& random) {
-  Estimate rigid = m.truth;
-  rigid.effects.resize(0);
-  const Vector3d p_F = rigid.targets[target].X_FT.translation();
-  const auto off = [&](const Eigen::VectorXd& q) {
-    return Eigen::VectorXd(rigid.X_WB * (flange_poses(m.model, rigid, q).front() * p_F) - place);
-  };
-  const auto count = static_cast<double>(m.data.joint_values.cols());
-  Eigen::VectorXd q = m.data.joint_values.col(static_cast<Eigen::Index>(random.uniform(0.0, count)));
-  q += 0.3 * Eigen::VectorXd::NullaryExpr(q.size(), [&] { return random.normal(); });
-  for (int i = 0; i < 50 && off(q).norm() > 1e-12; ++i) {
-    const Eigen::MatrixXd J = central_differences(q.size(), 1e-6, [&](const auto& d) { return off(q + d); });
-    Eigen::VectorXd step = -J.completeOrthogonalDecomposition().solve(off(q));
-    q += std::min(1.0, 0.5 / step.norm()) * step;
-  }
-  return off(q).norm() < 1e-10 && q.cwiseAbs().maxCoeff() < 3.0 ? std::optional(q) : std::nullopt;
-}
-
 // A ball that sits in one of three sockets after the other.
 void in_sockets(Job& job) {
   Measured& m = job.m;
-  const Measurements before = m.data;
-  std::vector<Eigen::VectorXd> q;
-  m.data.observations.clear();
-  m.data.configurations.clear();
-  for (std::size_t socket = 0; socket < 3; ++socket) {
-    const Vector3d place = before.observations[5 + 7 * socket].position;
-    for (int tries = 0, found = 0; tries < 200 && found < 14; ++tries) {
-      if (const auto joints = touching(m, 0, place, job.random)) {
-        ++found;
-        Observation& touch = m.data.observations.emplace_back();
-        touch.configuration = static_cast<int>(q.size());
-        touch.position = place + 2e-5 * job.direction();
-        q.push_back(*joints);
-        m.data.configurations.push_back(std::to_string(q.size()));
-      }
-    }
-  }
   m.data.targets.resize(1);
   m.truth.targets.resize(1);
-  m.data.joint_values.resize(m.data.joint_values.rows(), static_cast<Eigen::Index>(q.size()));
-  for (std::size_t c = 0; c < q.size(); ++c) {
-    m.data.joint_values.col(static_cast<Eigen::Index>(c)) = q[c];
-  }
+  VirtualRobot robot{.model = m.model, .truth = m.truth};
+  robot.truth.effects.resize(0);
+  const JointRanges ranges(m.model.joints.size(), {-2.5, 2.5});
+  const std::vector<Vector3d> sockets = {{0.0, 0.0, 0.0}, {0.2, 0.0, 0.0}, {0.05, 0.15, 0.1}};
+  m.data = without_sigmas(touch({.sockets = sockets, .places = 1}, ranges, 42, job.random, robot));
+  m.data.stations.clear();  // a tracker measures it
+  std::stable_sort(m.data.observations.begin(), m.data.observations.end(),
+                   [](const Observation& a, const Observation& b) { return a.position.x() < b.position.x(); });
+  for_rows(m, [&](Observation& o) { o.position += 2e-5 * job.direction(); });
 }
 
 // Every pose four times, under labels of their own and with joint values as a controller reads them back.

@@ -24,6 +24,7 @@
 #include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "support.hpp"
+#include "urdf_text.hpp"
 
 namespace kdl_calibration::compensation_test {
 namespace {
@@ -309,17 +310,14 @@ const std::string kFollowsTheSecond = "<mimic joint='j2' multiplier='-2' offset=
 
 // Joints about z, y, z, … at distances of 0.3 m; `mimic` stands in the last one.
 Robot snake(int joints, const std::string& mimic = {}) {
-  std::string urdf = "<robot name='snake'><link name='l0'/>";
+  std::vector<testing::urdf::Part> parts;
   for (int j = 1; j <= joints; ++j) {
-    const std::string number = std::to_string(j);
-    urdf += "<link name='l" + number + "'/><joint name='j" + number + "' type='revolute'><parent link='l" +
-            std::to_string(j - 1) + "'/><child link='l" + number + "'/><origin xyz='0.02 0 0.3'/><axis xyz='" +
-            (j % 2 == 1 ? "0 0 1" : "0 1 0") + "'/><limit lower='-3' upper='3' velocity='1' effort='1'/>" +
-            (j == joints ? mimic : "") + "</joint>";
+    const std::string axis = j % 2 == 1 ? "<axis xyz='0 0 1'/>" : "<axis xyz='0 1 0'/>";
+    parts.push_back({"revolute", "<origin xyz='0.02 0 0.3'/>" + axis + testing::urdf::limit("-3:3")});
   }
-  urdf += "<link name='tip'/><joint name='mount' type='fixed'><parent link='l" + std::to_string(joints) +
-          "'/><child link='tip'/><origin xyz='0.05 0.02 0.1'/></joint></robot>";
-  return parse_robot(urdf);
+  parts.back().content += mimic;
+  parts.push_back({"fixed", "<origin xyz='0.05 0.02 0.1'/>"});
+  return parse_robot(testing::urdf::serial(parts));
 }
 
 TEST(Compensation, OfSevenJointsChangesThemAsLittleAsPossible) {

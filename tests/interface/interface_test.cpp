@@ -171,7 +171,6 @@ TEST(Interface, ParametersHaveNames) {
       EXPECT_NEAR(found().std(names[i]), std::sqrt(found().covariance()(column, column)), 1e-12) << names[i];
     }
   }
-  EXPECT_EQ(found().parameter("Tx1").value, found().parameter("Tx1").nominal + found().error("Tx1"));
 }
 
 TEST(Interface, ValidatesWithAndWithoutTheErrors) {
@@ -359,6 +358,10 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
                              .offset = Eigen::VectorXd::Zero(6)};
   TargetFrame nowhere_at_all{.name = "A"};
   nowhere_at_all.X_FT.translation().x() = std::numeric_limits<double>::quiet_NaN();
+  const Measurements early = subset(data, [](const Observation& o) { return o.configuration < 4; });
+  const Measurements first = subset(data, [](const Observation& o) { return o.configuration == 0; });
+  const std::vector<TargetFrame> both_a = {{.name = "A"}, {.name = "A"}};
+  const JointRanges of_one = {{0.0, 1.0}};
   JointRanges reversed(6, {-1.0, 1.0});
   reversed[2] = {1.0, -1.0};
   JointRanges endless_range(6, {-1.0, 1.0});
@@ -414,45 +417,26 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"another robot's page", [&] { write_report(file("x"), other, data, c); }, "was not made with"},
       {"result of a file", [&] { write_result(file("x"), fanuc(), data, read); }, "read from a file"},
       {"other measurements", [&] { write_result(file("x"), fanuc(), fewer, c); }, "other measurements"},
-      {"a part of them",
-       [&] {
-         const auto early = [](const Observation& o) { return o.configuration < 4; };
-         write_report(file("x"), fanuc(), subset(data, early), c);
-       },
-       "other measurements"},
+      {"a part of them", [&] { write_report(file("x"), fanuc(), early, c); }, "other measurements"},
       {"other points", [&] { write_result(file("x"), fanuc(), shifted, c); }, "other measurements"},
       {"load, robot", [&] { load_calibration(file("r.json"), other); }, "hash"},
       {"load, none", [&] { load_calibration(file("none.json"), fanuc()); }, "cannot be opened"},
       {"validate", [&] { validate(fanuc(), fewer); }, "6 names of joints"},
       {"validate, calibration", [&] { validate(c, beyond); }, "configuration"},
       {"validate, frames", [&] { validate(fanuc(), data, {.base = sheared, .targets = {}}); }, "rotation"},
-      {"validate, few",
-       [&] { validate(fanuc(), subset(data, [](const Observation& o) { return o.configuration == 0; })); },
-       "nothing is left to show an error"},
+      {"validate, few", [&] { validate(fanuc(), first); }, "nothing is left to show an error"},
       {"simulate, count", [] { simulate(fanuc(), {.configurations = 0}); }, "configurations"},
       {"simulate, noise", [] { simulate(fanuc(), {.noise = -1.0}); }, "noise"},
-      {"simulate, ranges",
-       [] {
-         simulate(fanuc(), {.ranges = {{0.0, 1.0}}});
-       },
-       "range"},
+      {"simulate, ranges", [&] { simulate(fanuc(), {.ranges = of_one}); }, "range"},
       {"simulate, reversed", [&] { simulate(fanuc(), {.ranges = reversed}); }, "lower end first"},
       {"simulate, endless", [&] { simulate(fanuc(), {.ranges = endless_range}); }, "finite"},
       {"simulate, many", [] { simulate(fanuc(), {.configurations = 2'000'000'000}); }, "10000000 rows"},
       {"plan, many", [] { plan_measurements(fanuc(), {.count = 2'000'000'000}); }, "at most 2000"},
       {"plan, target", [&] { plan_measurements(fanuc(), {.targets = {nowhere_at_all}}); }, "target 'A'"},
-      {"simulate, twins",
-       [] {
-         simulate(fanuc(), {.targets = {{.name = "A"}, {.name = "A"}}});
-       },
-       "'A'"},
+      {"simulate, twins", [&] { simulate(fanuc(), {.targets = both_a}); }, "'A'"},
       {"plan, count", [] { plan_measurements(fanuc(), {.count = 0}); }, "configurations"},
       {"plan, noise", [] { plan_measurements(fanuc(), {.noise = std::numeric_limits<double>::infinity()}); }, "noise"},
-      {"plan, ranges",
-       [] {
-         plan_measurements(fanuc(), {.ranges = {{0.0, 1.0}}});
-       },
-       "range"},
+      {"plan, ranges", [&] { plan_measurements(fanuc(), {.ranges = of_one}); }, "range"},
       {"plan, height", [] { plan_measurements(fanuc(), {.least_height = 100.0}); }, "height"},
   };
   for (const Case& each : cases) {

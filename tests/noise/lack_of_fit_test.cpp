@@ -100,18 +100,6 @@ TEST(LackOfFit, IsNotAskedWhereTheMeansLeaveNoFreedom) {
   EXPECT_NEAR(four->degrees_of_freedom, 3.0, 1e-6);
 }
 
-TEST(LackOfFit, IsTestedWhereNothingIsFree) {
-  VirtualExperiment experiment;
-  const Unknowns none(experiment.model, experiment.targets, {});
-  const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = 1e-5, .repeats = 3}));
-  const LackOfFit right = test_lack_of_fit(experiment.model, measured, experiment.robot.truth, none).value();
-  EXPECT_NEAR(right.degrees_of_freedom, 180.0, 1e-9);
-  EXPECT_GT(right.p_value, 0.01);
-  Estimate off = experiment.robot.truth;
-  off.X_WB.translation().x() += 5e-5;
-  EXPECT_LT(test_lack_of_fit(experiment.model, measured, off, none).value().p_value, 1e-9);
-}
-
 using Eigen::Vector3d;
 
 /// Every target in every repeat of a configuration, which has more repeats or less.

@@ -40,6 +40,9 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kMicrometre = 1e-6;
+// [m] Of the measured R-2000iC/165F: what the points of a repeat share, and what each has alone.
+const Vector3d kOfRepeat = Vector3d(58, 59, 31) * kMicrometre;
+const Vector3d kOfPoint = Vector3d::Constant(11 * kMicrometre);
 
 // True sizes [m] of the parts, and how much is measured.
 struct Truth {
@@ -231,15 +234,14 @@ TEST(NoiseParts, AreTheMaximumOfTheRestrictedLikelihoodWrittenOut) {
         Truth{.name = "swing",
         .configurations = 14,
         .repeats = 3,
-        .common = Vector3d(58, 59, 31) * kMicrometre,
-        .independent = Vector3d::Constant(11 * kMicrometre),
+        .common = kOfRepeat,
+        .independent = kOfPoint,
         .swing = 0.001}}) {
     const Trial t = trial(model, truth, 3);
-    const Unknowns& free = t.free;
-    const Estimate estimate = fitted(model, t.measured, free);
-    const NoiseParts parts = estimate_noise(model, t.measured, estimate, free, {});
+    const Estimate estimate = fitted(model, t.measured, t.free);
+    const NoiseParts parts = estimate_noise(model, t.measured, estimate, t.free, {});
     ASSERT_TRUE(parts.converged) << truth.name;
-    const DenseLikelihood minus_two_log(model, t.measured, estimate, free);
+    const DenseLikelihood minus_two_log(model, t.measured, estimate, t.free);
     expect_least(minus_two_log, parts, truth.repeats == 1 || truth.targets == 1, truth.name);
   }
 }
@@ -253,8 +255,8 @@ TEST(NoiseParts, KeepWhatRepeatsShowBesideAMisfitOfAnotherKind) {
                             {.configurations = 20,
                              .targets = targets,
                              .repeats = 3,
-                             .common = Vector3d(58, 59, 31) * kMicrometre,
-                             .independent = Vector3d::Constant(11 * kMicrometre),
+                             .common = kOfRepeat,
+                             .independent = kOfPoint,
                              .swing = 0.001},
                             seed);
       const Unknowns& free = t.free;
@@ -299,11 +301,10 @@ TEST(NoiseParts, ThatTheParametersNearlyUseUpAreZero) { expect_no_misfit(6, 4, 2
 TEST(NoiseParts, OfOneKindBesideEqualWeightsAreTheMeanSquareOfTheResiduals) {
   const ErrorModel model = complete_model(testing::fanuc());
   const Trial t = trial(model, {.configurations = 20, .targets = 1}, 3);
-  const Unknowns& free = t.free;
-  const FitProblem problem = plain_problem(model, t.measured, free);
+  const FitProblem problem = plain_problem(model, t.measured, t.free);
   const NoiseParts parts = noise_beside_weights(problem, {}, true);
   ASSERT_TRUE(parts.converged);
-  const DenseLikelihood dense(model, t.measured, problem.start, free);
+  const DenseLikelihood dense(model, t.measured, problem.start, t.free);
   const double freedom = static_cast<double>(dense.jacobian().rows() - dense.jacobian().cols());
   EXPECT_NEAR(parts.independent().x() * freedom / dense.residual().squaredNorm(), 1.0, 1e-6);
   EXPECT_NEAR(parts.degrees_of_freedom, freedom, 1e-3);
@@ -317,14 +318,13 @@ TEST(NoiseParts, BesideEqualWeightsGiveTheColumnsTheCovarianceThatTheyHave) {
                          .repeats = 3,
                          .misfit = 1e-4,
                          .target_misfit = 5e-5,
-                         .common = Vector3d(58, 59, 31) * kMicrometre,
-                         .independent = Vector3d::Constant(11 * kMicrometre)},
+                         .common = kOfRepeat,
+                         .independent = kOfPoint},
                         5);
-  const Unknowns& free = t.free;
-  const FitProblem problem = plain_problem(model, t.measured, free);
+  const FitProblem problem = plain_problem(model, t.measured, t.free);
   const NoiseParts parts = noise_beside_weights(problem, {}, true);
   ASSERT_TRUE(parts.converged);
-  const DenseLikelihood dense(model, t.measured, problem.start, free);
+  const DenseLikelihood dense(model, t.measured, problem.start, t.free);
   const MatrixXd& J = dense.jacobian();
   const MatrixXd scatter = J.transpose() * dense.covariance(parts.variances) * J;
   EXPECT_LT((parts.scatter - scatter).norm(), 1e-9 * scatter.norm());
@@ -459,8 +459,6 @@ Coverage coverage(const Truth& truth, int runs) {
 }
 
 std::vector<Truth> truths() {
-  const Vector3d repeat = Vector3d(58, 59, 31) * kMicrometre;
-  const Vector3d point = Vector3d::Constant(11 * kMicrometre);
   const NoiseModel stated{.independent = Vector3d::Constant(30 * kMicrometre)};
   const TrackerNoise tracker{.range = 1e-5, .transverse = 5 * kMicrometre, .transverse_per_metre = 2e-5};
   std::vector<Truth> all = {
@@ -469,7 +467,7 @@ std::vector<Truth> truths() {
       {.name = "12 x 3", .configurations = 12},
       {.name = "12 x 3 stated", .configurations = 12, .stated = stated},
       {.name = "10 x 1", .configurations = 10, .targets = 1},
-      {.name = "common", .common = repeat, .independent = point},
+      {.name = "common", .common = kOfRepeat, .independent = kOfPoint},
       {.name = "tracker", .independent = Vector3d::Zero(), .stated = {.tracker = tracker}, .tracker = tracker},
       {.name = "30 x 3 automatic", .automatic = true},
       {.name = "right priors", .priors = {.length = 0.001, .angle = 0.001}},
@@ -480,7 +478,7 @@ std::vector<Truth> truths() {
       {.name = "Tukey, outliers", .loss = Loss::tukey, .outliers = 0.05}};
   for (const int repeats : {2, 3, 10}) {
     const std::string name = std::to_string(repeats) + " repeats";
-    all.push_back({.name = name, .repeats = repeats, .common = repeat, .independent = point});
+    all.push_back({.name = name, .repeats = repeats, .common = kOfRepeat, .independent = kOfPoint});
     all.push_back(all.back());
     all.back().name = name + ", misfit";
     all.back().misfit = 1e-4;

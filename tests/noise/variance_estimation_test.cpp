@@ -413,28 +413,23 @@ TEST(VarianceEstimation, LeavesAtZeroWhatTheColumnsUseUp) {
 
 TEST(VarianceEstimation, TakesColumnsThatNothingTellsApart) {
   const Rows rows = random_rows(1);
-  Rows twice = rows;
-  twice.J.conservativeResize(Eigen::NoChange, 6);
-  twice.J.col(4) = rows.J.col(0);
-  twice.J.col(5).setZero();
-  twice.task.strata.clear();
-  twice.task.priors = MatrixXd::Zero(6, 6);
-  twice.task.priors.topLeftCorner(4, 4) = rows.task.priors;
-  twice.task.prior_gradient = VectorXd::Zero(6);
-  twice.task.prior_gradient.head(4) = rows.task.prior_gradient;
+  MatrixXd J = MatrixXd::Zero(rows.J.rows(), 6);
+  J.leftCols<5>() << rows.J, rows.J.col(0);
+  Rows twice(6);
+  twice.task.stated = rows.task.stated;
+  twice.task.unknown = rows.task.unknown;
+  twice.task.priors.topLeftCorner<4, 4>() = rows.task.priors;
+  twice.task.prior_gradient.head<4>() = rows.task.prior_gradient;
   for (Index s = 0; s < rows.strata(); ++s) {
-    Stratum& stratum = twice.task.strata.emplace_back(rows.stratum(s));
     std::vector<Index> own;
     for (std::size_t i = 0; i < rows.of.size(); ++i) {
       if (static_cast<Index>(rows.of[i]) == s) {
         own.push_back(static_cast<Index>(i));
       }
     }
-    const MatrixXd J = twice.J(own, Eigen::all);
-    if (stratum.predicted) {
-      stratum.information = J.transpose() * J;
-      stratum.gradient = J.transpose() * rows.e(own);
-    }
+    const Stratum& stratum = rows.stratum(s);
+    twice.add(stratum.predicted ? Kind::means : Kind::repeats, J(own, Eigen::all), rows.e(own), stratum.coefficients,
+              stratum.known);
   }
   VarianceEstimation once(rows.task);
   VarianceEstimation doubled(twice.task);

@@ -599,21 +599,12 @@ Rigid of_rigid_arms(unsigned first, unsigned count) {
                              .angle = random.uniform(1e-4, 5e-3),
                              .noise = random.uniform(1e-5, 1e-4)};
     const testing::Measured m = testing::measured(model, seed, draw);
-    const testing::Measured unseen =
-        testing::measured(model, seed, {.configurations = 300, .targets = draw.targets, .noise = 0.0});
+    VirtualRobot rigid{.model = m.model, .truth = m.truth};
+    rigid.truth.effects.resize(0);
+    const Eigen::MatrixXd q = testing::measured(model, seed, {.configurations = 300}).data.joint_values;
+    const Measurements unseen = measure(rigid, q, {}, random);
     const auto error_of = [&](const CalibrationResult& found) {
-      const auto truly = flange_poses(m.model, m.truth, unseen.data.joint_values);
-      const auto predicted = flange_poses(found.model, found.fit.identification.estimate, unseen.data.joint_values);
-      double squares = 0.0;
-      for (std::size_t c = 0; c < truly.size(); ++c) {
-        for (std::size_t k = 0; k < m.truth.targets.size(); ++k) {
-          const Estimate& estimate = found.fit.identification.estimate;
-          squares += (m.truth.X_WB * truly[c] * m.truth.targets[k].X_FT.translation() -
-                      estimate.X_WB * predicted[c] * estimate.targets[k].X_FT.translation())
-                         .squaredNorm();
-        }
-      }
-      return std::sqrt(squares);
+      return error_statistics(position_errors(found.model, found.fit.identification.estimate, unseen)).rms;
     };
     const CalibrationResult found = calibrate(m.model, m.data, automatic());
     const double ratio = error_of(found) / error_of(calibrate(m.model, m.data, kGeometry));

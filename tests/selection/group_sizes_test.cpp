@@ -265,14 +265,10 @@ TEST(GroupSizes, RefuseSumsAndColumnsThatDoNotFit) {
   using testing::refusal;
   const Rows rows(12, 30, 0.3, 0.2, 0.1);
   LinearSums sums = rows.sums();
-  EXPECT_EQ(refusal([&] {
-              SizeEstimator(sums, {0, 9}, rows.groups);
-            }),
-            "column 9 is not there, expected an index below 9");
-  EXPECT_EQ(refusal([&] {
-              SizeEstimator(sums, {0, 1}, {{2, 9}});
-            }),
-            "the column of a group 9 is not there, expected an index below 9");
+  const SizedGroups beyond = {{2, 9}};
+  const std::string last = " is not there, expected an index below 9";
+  EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 9}, rows.groups); }), "column 9" + last);
+  EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 1}, beyond); }), "the column of a group 9" + last);
   sums.moment.conservativeResize(8);
   EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 1}, {}); }), "8 moments of sums, expected 9");
   sums = rows.sums();

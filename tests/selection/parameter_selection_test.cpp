@@ -15,6 +15,7 @@
 #include "planning/simulation.hpp"
 #include "refusal.hpp"
 #include "results/calibrated_urdf.hpp"
+#include "urdf_text.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::parameter_selection_test {
@@ -174,19 +175,14 @@ struct JointText {
 
 // A chain l0 - j1 - l1 - … with a fixed tool behind it.
 std::string chain_of(const std::vector<JointText>& joints, const std::string& tool = "0.1 0 0") {
-  std::ostringstream text;
-  text.precision(17);
-  text << "<robot name=\"arm\"><link name=\"l0\"/>";
-  for (std::size_t i = 1; i <= joints.size(); ++i) {
-    const JointText& joint = joints[i - 1];
-    text << "<link name=\"l" << i << "\"/><joint name=\"j" << i << "\" type=\"" << joint.type << "\"><parent link=\"l"
-         << i - 1 << "\"/><child link=\"l" << i << "\"/><origin xyz=\"" << joint.xyz << "\" rpy=\"" << joint.rpy
-         << "\"/><axis xyz=\"" << joint.axis << "\"/><limit lower=\"" << -joint.limit << "\" upper=\"" << joint.limit
-         << "\" velocity=\"1\" effort=\"1\"/></joint>";
+  std::vector<testing::urdf::Part> parts;
+  for (const JointText& joint : joints) {
+    const std::string limit = std::to_string(joint.limit);
+    parts.push_back({joint.type, "<origin xyz='" + joint.xyz + "' rpy='" + joint.rpy + "'/><axis xyz='" + joint.axis +
+                                     "'/>" + testing::urdf::limit("-" + limit + ":" + limit)});
   }
-  text << "<link name=\"tool\"/><joint name=\"mount\" type=\"fixed\"><parent link=\"l" << joints.size()
-       << "\"/><child link=\"tool\"/><origin xyz=\"" << tool << "\"/></joint></robot>";
-  return text.str();
+  parts.push_back({"fixed", "<origin xyz='" + tool + "'/>"});
+  return testing::urdf::serial(parts);
 }
 
 // Three styles of drawing a 6R arm, with `tilt` between axes that are parallel in the drawing.

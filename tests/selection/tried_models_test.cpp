@@ -83,20 +83,6 @@ TEST(TriedModels, WhatCannotPredictEveryFoldIsNoRival) {
   EXPECT_EQ(tried.optimism(), 1.0);
 }
 
-TEST(TriedModels, TheChosenOneComesFirstAndTheOthersByWhatTheyPredict) {
-  TriedModels tried;
-  for (const double square : {3.0, 1.0, 2.0}) {
-    const VectorXd squares = VectorXd::Constant(kConfigurations, square);
-    tried.add(option_of(squares, std::to_string(static_cast<int>(square))), squares);
-  }
-  tried.put_first({"3"}, false);
-  std::vector<std::string> order;
-  for (const ModelOption& option : tried.options()) {
-    order.push_back(option.effects.front());
-  }
-  EXPECT_EQ(order, (std::vector<std::string>{"3", "1", "2"}));
-}
-
 // Of two configurations a drawing has the first twice, the second twice, or both, as one, one and two of four times.
 // The first model chosen by configuration 1 has a square of 3 at configuration 2; chosen by configuration 2 the other
 // model is the better one and has a square of 2 at configuration 1, where the first has none.
