@@ -14,10 +14,7 @@
 namespace kdl_calibration::cases_test {
 namespace {
 
-using ::testing::ElementsAre;
-using ::testing::Field;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 const std::string kCases = std::string(SHARED_DATA_DIR) + "/cases/";
 
@@ -36,7 +33,8 @@ TEST(CasesOnRealData, ABlunderIsNamedAndWhatTheRestGivesWithoutIt) {
   const CalibrationResult found = calibrated("blunder_pose_12.csv");
   ASSERT_FALSE(found.trusted());
   EXPECT_EQ(found.diagnosis.doubts.front().cause, Cause::gross_rows);
-  EXPECT_THAT(found.diagnosis.gross_rows.rows, ElementsAre(Field(&GrossRow::configuration, "12")));
+  EXPECT_THAT(found.diagnosis.gross_rows.rows,
+              ::testing::ElementsAre(::testing::Field(&GrossRow::configuration, "12")));
   EXPECT_NEAR(found.diagnosis.gross_rows.rows.front().distance, 0.062, 0.003);
   EXPECT_LT(found.diagnosis.gross_rows.rms_without, 5e-5);
   const Measurements measured = read_measurements(testing::fanuc(), kCases + "blunder_pose_12.csv");
@@ -82,7 +80,7 @@ TEST(CasesOnRealData, ADriveBesideTheChainIsAJointOfTheFile) {
 TEST(CasesOnRealData, SocketsOneAfterTheOtherAreRight) {
   const CalibrationResult found = calibrated("three_sockets.csv");
   EXPECT_TRUE(found.trusted());
-  EXPECT_THAT(found.diagnosis.gross_rows.rows, IsEmpty());
+  EXPECT_THAT(found.diagnosis.gross_rows.rows, ::testing::IsEmpty());
 }
 
 }  // namespace

@@ -36,7 +36,6 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 using testing::DenseFit;
 using testing::DenseNoise;
-using testing::refusal;
 
 struct Arm : testing::VirtualExperiment {
   Measurements measured;
@@ -73,7 +72,7 @@ TEST(DeterminedFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
     changed.options.estimator.method = Method::two_step;
     changed.options.estimator.iterations = 2;
     change(changed);
-    return refusal([&] { changed.fitted(); });
+    return testing::refusal([&] { changed.fitted(); });
   };
   EXPECT_EQ(refused([](Arm&) {}), "nothing was refused");
   const std::string frames = "method: the two-step procedure finds base and targets, which cannot be known or fixed";

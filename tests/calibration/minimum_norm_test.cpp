@@ -11,8 +11,6 @@
 namespace kdl_calibration::minimum_norm_test {
 namespace {
 
-using Eigen::Index;
-
 // An arm fitted with all parameters of the complete model as candidates.
 struct Fitted : testing::VirtualExperiment {
   Measurements measured;
@@ -43,7 +41,7 @@ struct Fitted : testing::VirtualExperiment {
         LeastSquaresProblem(model, measured, fit.candidates).whitened_summary(estimate).sqrt_information);
     Eigen::VectorXd errors = Eigen::VectorXd::Zero(fit.candidates.size());
     Eigen::VectorXd scale = errors;
-    for (Index c = 0; c < fit.candidates.size(); ++c) {
+    for (Eigen::Index c = 0; c < fit.candidates.size(); ++c) {
       const Unknown& unknown = fit.candidates.columns()[static_cast<std::size_t>(c)];
       if (unknown.group == UnknownGroup::geometric) {
         scale[c] = unknown.length ? 1.0 / 0.003 : 1.0 / 0.005;

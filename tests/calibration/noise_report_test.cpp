@@ -19,7 +19,6 @@
 namespace kdl_calibration::noise_report_test {
 namespace {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using ::testing::HasSubstr;
@@ -315,7 +314,7 @@ TEST(NoiseReport, AsManyEquationsAsUnknownsLeaveNoNoise) {
 
 TEST(NoiseReport, PartsAreReportedAsTheyWereEstimated) {
   Fitted f;
-  const Index columns = f.free.size();
+  const Eigen::Index columns = f.free.size();
   Random random(8);
   const auto drawn = [&] {
     const MatrixXd root = MatrixXd::NullaryExpr(columns, columns, [&] { return random.normal(); });

@@ -16,9 +16,7 @@
 namespace kdl_calibration::testing::stated_error_test {
 namespace {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 
 constexpr double kPointNoise = 2e-5;   // [m]
 constexpr double kCommonNoise = 4e-5;  // [m], shared by the points of a configuration
@@ -58,10 +56,10 @@ struct Arm {
 
   Measurements measure(const MatrixXd& q) {
     MatrixXd moved = q;
-    for (Index j = 0; j < q.rows(); ++j) {
+    for (Eigen::Index j = 0; j < q.rows(); ++j) {
       moved.row(j) = q.row(j).unaryExpr([&](double value) { return joints[static_cast<std::size_t>(j)](value); });
     }
-    const MeasuringNoise noise{.sigma = kPointNoise, .common = Vector3d::Constant(kCommonNoise)};
+    const MeasuringNoise noise{.sigma = kPointNoise, .common = Eigen::Vector3d::Constant(kCommonNoise)};
     Measurements result =
         without_sigmas(kdl_calibration::measure({.model = model, .truth = truth}, moved, noise, random));
     result.joint_values = q;

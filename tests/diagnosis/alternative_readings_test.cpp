@@ -15,7 +15,6 @@ namespace kdl_calibration::alternative_readings_test {
 namespace {
 
 using Eigen::Vector3d;
-using ::testing::AllOf;
 using testing::Draw;
 using ::testing::ElementsAre;
 using testing::for_rows;
@@ -27,10 +26,8 @@ using testing::light_arm;
 using testing::Measured;
 using testing::measured;
 using testing::Mistake;
-using testing::moved_from;
 using testing::order_mistakes;
 using testing::point_mistakes;
-using testing::true_flange;
 
 std::vector<AlternativeReading> suspicions_of(const Measured& m) {
   const Identification fit = identify_jointly(m.model, m.data, nominal_start(m.model, m.data), m.free);
@@ -145,7 +142,7 @@ TEST(AlternativeReadings, StateTheMisfitOfBothReadings) {
 
 TEST(AlternativeReadings, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) {
   Measured m = measured(large_arm(), 2);
-  moved_from(14, {0.001, 0.0, 0.0}).make(m);
+  testing::moved_from(14, {0.001, 0.0, 0.0}).make(m);
   EXPECT_THAT(text(suspicions_of(m)), HasSubstr("after configuration 14 if the file is in the order of measurement"));
   for (const Observation& observation : m.data.observations) {
     m.data.order.push_back(observation.configuration);
@@ -153,7 +150,8 @@ TEST(AlternativeReadings, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) 
   // The same rows from the last configuration to the first.
   std::reverse(m.data.observations.begin(), m.data.observations.end());
   std::reverse(m.data.order.begin(), m.data.order.end());
-  EXPECT_THAT(text(suspicions_of(m)), AllOf(HasSubstr("after configuration 14"), ::testing::Not(HasSubstr("if the"))));
+  EXPECT_THAT(text(suspicions_of(m)),
+              ::testing::AllOf(HasSubstr("after configuration 14"), ::testing::Not(HasSubstr("if the"))));
 }
 
 TEST(AlternativeReadings, LeaveATargetThatSlippedToTheChecksOfTargets) {
@@ -161,7 +159,7 @@ TEST(AlternativeReadings, LeaveATargetThatSlippedToTheChecksOfTargets) {
     Measured m = measured(large_arm(), seed);
     for_rows(m, [&](Observation& o) {
       if (o.configuration >= 12 && o.target == 1) {
-        o.position += true_flange(m, o.configuration).linear() * Vector3d(0.001, 0.0, 0.0);
+        o.position += testing::true_flange(m, o.configuration).linear() * Vector3d(0.001, 0.0, 0.0);
       }
     });
     EXPECT_THAT(causes(suspicions_of(m)), IsEmpty()) << seed;

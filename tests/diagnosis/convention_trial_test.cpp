@@ -24,10 +24,8 @@ using ::testing::Contains;
 using ::testing::HasSubstr;
 using testing::kDegree;
 using testing::large_arm;
-using testing::light_arm;
 using testing::Measured;
 using testing::measured;
-using ::testing::Not;
 using testing::refusal;
 
 /// The controller's second and third joint count against each other, and its zero is elsewhere.
@@ -137,7 +135,7 @@ TEST(ConventionTrial, JointsAreCoupledWhoseAxesAreParallelToAMilliradian) {
       if (tilt < 0.001) {
         EXPECT_THAT(found, Contains(coupling));
       } else {
-        EXPECT_THAT(found, Not(Contains(coupling)));
+        EXPECT_THAT(found, ::testing::Not(Contains(coupling)));
       }
     }
   }
@@ -208,7 +206,7 @@ TEST(ConventionTrial, ABetterConventionLeavesAFifthOfThePresentOnesMisfit) {
 
 TEST(ConventionTrial, RefusesWhatDoesNotHoldTogether) {
   Measured m = measured(large_arm(), 1, {.configurations = 6, .targets = 1});
-  const Measured other = measured(light_arm(), 1, {.configurations = 6, .targets = 3});
+  const Measured other = measured(testing::light_arm(), 1, {.configurations = 6, .targets = 3});
   EXPECT_THAT(refusal([&] { try_conventions(m.model, m.data, other.free); }), HasSubstr("coordinate of targets"));
   m.data.joint_values(0, 0) = std::nan("");
   EXPECT_THAT(refusal([&] { try_conventions(m.model, m.data, m.free); }), HasSubstr("a joint value is not finite"));

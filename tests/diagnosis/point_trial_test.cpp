@@ -13,7 +13,6 @@
 namespace kdl_calibration::point_trial_test {
 namespace {
 
-using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
 Vector3d drawn(Random& random) { return {random.normal(), random.normal(), random.normal()}; }
@@ -33,7 +32,7 @@ struct Poses {
       targets.emplace_back(0.2 * drawn(random));
       measured.targets.emplace_back(1, static_cast<char>('A' + k));
     }
-    measured.joint_values = MatrixXd::Zero(1, configurations);
+    measured.joint_values = Eigen::MatrixXd::Zero(1, configurations);
     for (int c = 0; c < configurations; ++c) {
       Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
       pose.linear() = rotation_exp(drawn(random));

@@ -25,7 +25,6 @@ namespace kdl_calibration::interface_test {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::difference;
 using ::testing::HasSubstr;
 using testing::kdl_pose;
 using testing::refusal;
@@ -148,7 +147,7 @@ TEST(Interface, UncertaintyIsThatOfThePredictionsAskedForBeforeTheFit) {
 
 TEST(Interface, ChainIsThatOfTheExportedUrdf) {
   const KDL::Chain exported = parse_robot(calibrated_urdf(fanuc(), found())).chain;
-  EXPECT_LT(difference(kdl_pose(found().urdf_chain(), somewhere()), kdl_pose(exported, somewhere())), 1e-12);
+  EXPECT_LT(testing::difference(kdl_pose(found().urdf_chain(), somewhere()), kdl_pose(exported, somewhere())), 1e-12);
 }
 
 TEST(Interface, JacobianIsTheDerivativeOfThePose) {

@@ -23,7 +23,6 @@
 namespace kdl_calibration::single_coordinates_test {
 namespace {
 
-using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using testing::along;
@@ -38,7 +37,6 @@ using testing::Heights;
 using testing::kHeight;
 using testing::kNoise;
 using testing::refusal;
-using testing::Touches;
 
 // Each point as three rows, along the axes of a frame of its own.
 Measurements in_three_rows(const Measurements& points, Random& random) {
@@ -101,8 +99,8 @@ TEST(SingleCoordinates, HeightsAboveFourPlanesAreExactWithoutNoise) {
 // plane as much farther, fits as well. So planes that are touched leave one direction of arm and planes undetermined,
 // the scale, and a length that is known determines it.
 TEST(SingleCoordinates, TouchesOfFourPlanesLeaveTheScale) {
-  Touches experiment(4);
-  experiment.robot.truth.errors[static_cast<Index>(parameter_index(experiment.model, "Tz2"))] = 0.0;
+  testing::Touches experiment(4);
+  experiment.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(experiment.model, "Tz2"))] = 0.0;
   const Measurements measurements = experiment.touched(4, 80);
   const std::size_t all = experiment.reduction.kept.size() - 6U + 4U * 3U;
   const Calibration open = calibrate(bundled_robot(), measurements, geometry_alone());

@@ -21,14 +21,10 @@
 namespace kdl_calibration::stations_interface_test {
 namespace {
 
-using Eigen::Index;
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
 using testing::Ball;
 using testing::bundled_robot;
 using ::testing::Contains;
 using testing::distance_from_truth;
-using ::testing::ElementsAre;
 using ::testing::Field;
 using testing::geometry_alone;
 using ::testing::HasSubstr;
@@ -43,12 +39,12 @@ TEST(StationsOfATracker, AreExactWithoutNoise) {
   const Calibration found = calibrate(bundled_robot(), measurements, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), 27U + 3U * 6U);
-  const MatrixXd q = experiment.configurations(50);
+  const Eigen::MatrixXd q = experiment.configurations(50);
   const VirtualRobot& robot = experiment.robot;
   EXPECT_LT(distance_from_truth(found, experiment), 1e-9);
   // Points in the frame of a station have no gauge.
   const CalibratedArm arm = found.arm();
-  EXPECT_THAT(arm.stations(), ElementsAre("S1", "S2", "S3"));
+  EXPECT_THAT(arm.stations(), ::testing::ElementsAre("S1", "S2", "S3"));
   for (std::size_t s = 0; s < 3; ++s) {
     const PredictedPoint point = arm.predict(q.col(0), "A", PredictionFrame::measuring, arm.stations()[s]);
     EXPECT_LT((point.position - robot.truth.base(s) * points(robot.model, robot.truth, q).col(0)).norm(), 1e-9);
@@ -227,7 +223,7 @@ TEST(PlacesOfAPlate, WithOneSocketHoldThreeRotationsBesideATracker) {
 
 TEST(Stations, AKnownBaseMakesTheFirstOffsetDetermined) {
   Tracker experiment(3);
-  experiment.robot.truth.errors[static_cast<Index>(parameter_index(experiment.model, "dq1"))] = 2e-3;
+  experiment.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(experiment.model, "dq1"))] = 2e-3;
   const Measurements measurements = experiment.measured(30);
   CalibrationOptions options = geometry_alone();
   options.parameters.known_stations = {{"S2", experiment.robot.truth.base(1)}};
@@ -252,7 +248,7 @@ TEST(Stations, ASavedResultPredictsTheSame) {
   const Calibration again = load_calibration(file, bundled_robot());
   std::filesystem::remove(file);
   EXPECT_EQ(again.estimated(), found.estimated());
-  const VectorXd q = experiment.configurations(1).col(0);
+  const Eigen::VectorXd q = experiment.configurations(1).col(0);
   for (const PredictionFrame frame : {PredictionFrame::base, PredictionFrame::measuring}) {
     const PredictedPoint one = found.arm().predict(q, "B", frame, "S3");
     const PredictedPoint other = again.arm().predict(q, "B", frame, "S3");

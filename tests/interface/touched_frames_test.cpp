@@ -18,7 +18,6 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 using ::testing::HasSubstr;
 using testing::kdl_pose;
-using testing::random_errors;
 
 const Robot& fanuc() {
   static const Robot robot = testing::fanuc();
@@ -28,7 +27,7 @@ const Robot& fanuc() {
 PredictionBasis bent() {
   PredictionBasis basis = nominal_basis(fanuc());
   Random random(3);
-  basis.estimate.errors = random_errors(basis.model, random, 1e-3, 1e-3);
+  basis.estimate.errors = testing::random_errors(basis.model, random, 1e-3, 1e-3);
   return basis;
 }
 

@@ -21,16 +21,12 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
-using Eigen::VectorXd;
 using testing::Ball;
-using testing::bundled_robot;
 using testing::Distances;
 using testing::Heights;
 using testing::kNoise;
 using testing::Touches;
 using testing::Tracker;
-using testing::VirtualExperiment;
 
 // The inverse of the Fisher information with the true noise: no covariance of an unbiased estimate is below it.
 MatrixXd least_covariance(const CalibrationParts& parts, const Measurements& measurements) {
@@ -62,12 +58,12 @@ struct Statistics {
       errors.push_back(parameter.error - truth);
       inside += std::abs(errors.back()) < half_width_95(parameter.std, parameter.degrees_of_freedom) ? 1.0 : 0.0;
     }
-    const Eigen::Map<const VectorXd> off(errors.data(), std::ssize(errors));
+    const Eigen::Map<const Eigen::VectorXd> off(errors.data(), std::ssize(errors));
     const MatrixXd least = least_covariance(parts, measurements)(columns, columns);
     squares += off.dot(least.ldlt().solve(off));
     parameters += static_cast<double>(errors.size());
   }
-  void add_points(const Calibration& found, VirtualExperiment& experiment) {
+  void add_points(const Calibration& found, testing::VirtualExperiment& experiment) {
     const MatrixXd q = experiment.configurations(9);
     const Eigen::Matrix3Xd truth = testing::points(experiment.robot.model, experiment.robot.truth, q);
     const std::vector<TargetFrame>& targets = experiment.robot.truth.targets;
@@ -75,7 +71,7 @@ struct Statistics {
       const auto count = static_cast<Index>(targets.size());
       const PredictedPoint predicted =
           found.arm().predict(q.col(point / count), targets[static_cast<std::size_t>(point % count)].name);
-      const Vector3d measured = truth.col(point) + kNoise * normal_vector(experiment.random);
+      const Eigen::Vector3d measured = truth.col(point) + kNoise * normal_vector(experiment.random);
       inside_radius += (predicted.position - measured).norm() < predicted.radius_95 ? 1.0 : 0.0;
       points += 1.0;
     }
@@ -97,7 +93,7 @@ void expect_coverage_and_efficiency(Experiment experiment, const Measure& measur
       experiment.robot.truth.errors[static_cast<Index>(parameter_index(experiment.model, known))] = 0.0;
     }
     const Measurements measurements = measured(experiment);
-    const Calibration found = calibrate(bundled_robot(), measurements, options);
+    const Calibration found = calibrate(testing::bundled_robot(), measurements, options);
     sum.add_parameters(found, experiment.robot, measurements);
     sum.add_points(found, experiment);
   }

@@ -24,13 +24,12 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-using testing::VirtualExperiment;
 using testing::VirtualExperimentOptions;
 using Variances = NoiseParts::Variances;
 
 /// Some rows of a virtual experiment, and an estimate that is not the truth.
 struct Trial {
-  VirtualExperiment experiment;
+  testing::VirtualExperiment experiment;
   Measurements measured;
   ResidualOptions options;
   Unknowns free;

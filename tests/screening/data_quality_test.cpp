@@ -23,7 +23,6 @@ namespace kdl_calibration::data_quality_test {
 namespace {
 
 using ::testing::ElementsAre;
-using testing::fanuc;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::kDegree;
@@ -434,7 +433,7 @@ TEST(JointConventionsInTheData, HaveNothingBetterToOfferWhereTheFitIsFine) {
 
 Measurements real_measurements(const JointConvention& convention) {
   return read_measurements(std::string(SHARED_DATA_DIR) + "/r2000ic_165f_tracker/measurements.csv",
-                           joint_names(fanuc()), &convention);
+                           joint_names(testing::fanuc()), &convention);
 }
 
 TEST(DataQualityOnRealData, FindsNothingInTheFanucSeriesNorInItsMeans) {

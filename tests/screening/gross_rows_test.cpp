@@ -9,8 +9,6 @@
 namespace kdl_calibration::gross_rows_test {
 namespace {
 
-using ::testing::IsEmpty;
-
 // What is found in the fit of all rows.
 GrossRows found_in(const testing::VirtualExperiment& experiment, const Measurements& measured, const Unknowns& free,
                    const FitOptions& options = {}) {
@@ -79,7 +77,7 @@ TEST(GrossRows, AreNoneOfTwoHundredCorrectSets) {
   for (int run = 0; run < 200; ++run) {
     experiment.restart(Random(5, static_cast<std::uint64_t>(run)));
     const Measurements measured = experiment.measure(12 + run % 30, {.sigma = 3e-5});
-    EXPECT_THAT(found_in(experiment, measured, experiment.free).rows, IsEmpty()) << "run " << run;
+    EXPECT_THAT(found_in(experiment, measured, experiment.free).rows, ::testing::IsEmpty()) << "run " << run;
   }
 }
 

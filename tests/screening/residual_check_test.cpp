@@ -18,15 +18,13 @@ namespace {
 using Eigen::Index;
 using Eigen::Vector3d;
 using ::testing::ElementsAre;
-using testing::fanuc;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::messages;
 using testing::refusal;
-using testing::targets_at;
 
 const ErrorModel& arm() {
-  static const ErrorModel model = complete_model(fanuc());
+  static const ErrorModel model = complete_model(testing::fanuc());
   return model;
 }
 
@@ -53,7 +51,7 @@ struct Known {
     truth.errors.head(scene.errors).setConstant(0.001);
     truth.X_WB.linear() = rotation_exp({0.3, -0.5, 1.1});
     truth.X_WB.translation() = Vector3d(2.0, -1.0, 0.3);
-    truth.targets = targets_at(scene.targets);
+    truth.targets = testing::targets_at(scene.targets);
     Eigen::MatrixXd q(6, scene.configurations);
     for (Index c = 0; c < q.cols(); ++c) {
       q.col(c) = 0.5 * testing::random_joints(model, random);

@@ -23,7 +23,6 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using testing::refusal;
 
 std::vector<TargetFrame> a_point_and_a_frame() {
   std::vector<TargetFrame> targets = published_targets(2);
@@ -106,7 +105,7 @@ TEST(ParameterSelection, IsMadeAtTheGeometryThatIsStated) {
 TEST(ParameterSelection, RefusesPatternsThatNothingMatches) {
   const ErrorModel model = complete_model(testing::fanuc());
   const auto refused = [&](const ParameterOptions& options) {
-    return refusal([&] { select_parameters(model, a_point_and_a_frame(), options); });
+    return testing::refusal([&] { select_parameters(model, a_point_and_a_frame(), options); });
   };
   EXPECT_THAT(refused({.fix = {"dq2", "dq7"}}), HasSubstr("fix: 'dq7' matches no parameter; there are base.Tx, base"));
   EXPECT_THAT(refused({.free = {"Tz9"}}), HasSubstr("free: 'Tz9' matches no parameter; there are base.Tx"));

@@ -18,7 +18,6 @@ namespace kdl_calibration::fold_prediction_test {
 namespace {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
@@ -147,7 +146,7 @@ void expect_by_the_others(const FitProblem& problem, const Folds& folds, const F
       const Vector3d left = mean.position - expected_at(problem, problem.start, point) - J * others.step;
       EXPECT_LT((point.residual - left).norm(), 1e-10);
       EXPECT_NEAR(distances_of(found)[place], left.norm(), 1e-10);
-      const Matrix3d covariance = J * others.covariance * J.transpose();
+      const Eigen::Matrix3d covariance = J * others.covariance * J.transpose();
       EXPECT_LT((point.covariance - covariance).norm(), 1e-7 * covariance.norm());
     }
   }

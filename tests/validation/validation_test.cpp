@@ -16,8 +16,6 @@
 namespace kdl_calibration::validation_test {
 namespace {
 
-using testing::fanuc;
-
 TEST(Validation, StatisticsAreTheTextbookOnes) {
   const ErrorStatistics s = error_statistics({4.0, 1.0, 3.0, 2.0});
   EXPECT_EQ(s.count, 4);
@@ -263,7 +261,7 @@ TEST(Validation, ARefittedFoldIsPredictedPointByPoint) {
 
 TEST(Validation, AgreesWithTheKdlSolver) {
   Random random(3);
-  for (const ErrorModel& model : {complete_model(fanuc()), complete_model(parse_robot(testing::kOddArm))}) {
+  for (const ErrorModel& model : {complete_model(testing::fanuc()), complete_model(parse_robot(testing::kOddArm))}) {
     const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * testing::kDegree);
     const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 1000, random);
     EXPECT_LT(difference_to_kdl(model, errors, q), 1e-12);
