@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <kdl/chainiksolverpos_lma.hpp>
 
+#include "geometry_alone.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 
@@ -16,16 +17,12 @@ using Eigen::Isometry3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using testing::bundled_robot;
 using ::testing::HasSubstr;
 using testing::kdl_pose;
 
-const Robot& fanuc() {
-  static const Robot robot = testing::fanuc();
-  return robot;
-}
-
 PredictionBasis bent() {
-  PredictionBasis basis = nominal_basis(fanuc());
+  PredictionBasis basis = nominal_basis(bundled_robot());
   Random random(3);
   basis.estimate.errors = testing::random_errors(basis.model, random, 1e-3, 1e-3);
   return basis;
@@ -67,7 +64,7 @@ double distance(const Isometry3d& a, const Isometry3d& b) { return (a.matrix() -
 // Of the calibrated and of the nominal arm; the user frame from coordinates, and from its origin, axis and plane.
 TEST(TouchedFrames, AreThoseThatWereTouched) {
   const Cell cell;
-  for (const PredictionBasis& basis : {bent(), nominal_basis(fanuc())}) {
+  for (const PredictionBasis& basis : {bent(), nominal_basis(bundled_robot())}) {
     const KDL::Chain chain = error_chain(basis.model, basis.estimate.errors);
     Random random(1);
     FrameTouches touches{.tool = touching(chain, cell.tip, cell.spike.replicate(1, 5), random),
@@ -134,10 +131,10 @@ TEST(TouchedFrames, OfACalibrationWithoutCovarianceHaveNoDeviation) {
 }
 
 TEST(TouchedFrames, RefuseTouchesThatDoNotDetermineThem) {
-  const PredictionBasis basis = nominal_basis(fanuc());
+  const PredictionBasis basis = nominal_basis(bundled_robot());
   const Cell cell;
   Random random(1);
-  const MatrixXd tool = touching(fanuc().chain, cell.tip, cell.spike.replicate(1, 4), random);
+  const MatrixXd tool = touching(bundled_robot().chain, cell.tip, cell.spike.replicate(1, 4), random);
   const auto fault = [&](const FrameTouches& touches) {
     return testing::refusal([&] { touched_frames(basis, touches); });
   };
