@@ -83,7 +83,7 @@ TEST(SingleCoordinates, ThreeRowsOfAPointAreThePoint) {
 // A height z = n p + d above a plane has three numbers of the plane in the base frame: two of its normal n, and d. So
 // each of the four stations determines three of its six, and the arm is determined as by whole points.
 TEST(SingleCoordinates, HeightsAboveFourPlanesAreExactWithoutNoise) {
-  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+  for (const std::uint64_t seed : {1U, 2U}) {
     Heights experiment(seed);
     const Calibration found = calibrate(bundled_robot(), experiment.measured(80), geometry_alone());
     EXPECT_TRUE(found.trusted()) << seed;
@@ -134,7 +134,7 @@ TEST(SingleCoordinates, HelpFewWholePoints) {
 // these determines three numbers, its place in the base frame, and one anchor is enough for the arm.
 TEST(DistancesFromAnchors, FromUnknownAnchorsAreExactWithoutNoise) {
   for (const int anchors : {1, 2, 3}) {
-    for (const std::uint64_t seed : {1U, 2U, 3U, 4U, 5U}) {
+    for (const std::uint64_t seed : {1U, 2U}) {
       Distances experiment(seed);
       const Calibration found = calibrate(bundled_robot(), experiment.measured(anchors, false, 80), geometry_alone());
       EXPECT_TRUE(found.trusted()) << anchors << seed;
