@@ -16,7 +16,6 @@ MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options) 
   if (options.count > kMost) {
     refuse_input(std::to_string(options.count) + " configurations", "at most " + std::to_string(kMost));
   }
-  require_sigma("noise", options.noise);
   const PlanRequest request{.robot = robot,
                             .targets = targets_or_published(options.targets),
                             .cell = {.ranges = options.ranges.empty() ? limits_of(robot.joints) : options.ranges,

@@ -100,7 +100,9 @@ class CleanTree:
         for file in sorted((self.source / "tests").rglob("*_test.cpp")):
             program = programs.get(f"{self._wing_of(file)}_tests")
             if program is not None:
-                self.suites[file.stem] = Suite(file, program)
+                # Two wings may have rooms of the same name.
+                name = file.stem if file.stem not in self.suites else f"{file.parent.name}_{file.stem}"
+                self.suites[name] = Suite(file, program)
 
     def users(self, path):
         """The compilations that read this source; those of the fuzzers and benchmarks are left alone."""
