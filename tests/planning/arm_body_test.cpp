@@ -237,34 +237,19 @@ TEST(ArmBody, JointsWhoseAxesMeetWithinAMicrometreAreOneWrist) {
   EXPECT_THAT(pairs_to_keep_apart(wrist_with_an_offset(0.0), tool, 0.0), ::testing::IsEmpty());
 }
 
-// The largest distance in the 500 configurations, by KDL.
-TEST(ArmBody, AClearanceCanBeAskedForUpToTheLargestOf500Configurations) {
-  const Robot robot = parse_robot(
-      testing::urdf::with_mimic(testing::kOddArm, "wrist", R"(joint="elbow" multiplier="-0.5" offset="0.1")"));
-  const std::vector<Capsule> capsules = {
-      {.link = "a", .frame = 1, .a = {0.1, 0.0, 0.0}, .b = {0.0, 0.0, 0.5}, .radius = 0.03},
-      {.link = "tool", .frame = robot.chain.getNrOfSegments(), .b = {0.2, 0.1, 0.0}, .radius = 0.02}};
-  KDL::ChainFkSolverPos_recursive solver(robot.chain);
-  double largest = 0.0;
-  for (std::uint64_t k = 0; k < 500; ++k) {
-    Random random(1, k);
-    KDL::JntArray q(5);
-    for (unsigned i = 0; i < 5; ++i) {
-      const MovingJoint& joint = robot.joints[i];
-      q(i) = random.uniform(joint.lower.value_or(-std::numbers::pi), joint.upper.value_or(std::numbers::pi));
-    }
-    q(4) = -0.5 * q(3) + 0.1;
-    std::vector<Vector3d> ends;
-    for (const Capsule& capsule : capsules) {
-      KDL::Frame X;
-      solver.JntToCart(q, X, static_cast<int>(capsule.frame));
-      ends.emplace_back(to_eigen(X) * capsule.a);
-      ends.emplace_back(to_eigen(X) * capsule.b);
-    }
-    largest = std::max(largest, segment_distance(ends[0], ends[1], ends[2], ends[3]) - 0.05);
-  }
-  EXPECT_EQ(pairs_to_keep_apart(robot, capsules, largest - 1e-9).size(), 1U);
-  EXPECT_THAT(pairs_to_keep_apart(robot, capsules, largest + 1e-9), ::testing::IsEmpty());
+// Slides along x, y and z between a point and a sphere. The third one goes half as far as the first one, so they come
+// 8 sqrt(1 + 1/4) m apart at most; without that 8 sqrt(2) m.
+TEST(ArmBody, AClearanceCanBeAskedForAsFarAsTheJointsGo) {
+  const auto slide = [](const std::string& axis, const std::string& range, const std::string& mimic = "") {
+    return testing::urdf::Part{"prismatic", "<axis xyz='" + axis + "'/>" + testing::urdf::limit(range) + mimic};
+  };
+  const Robot robot =
+      parse_robot(testing::urdf::serial({slide("1 0 0", "-8:8"), slide("0 1 0", "-0.01:0.01"),
+                                         slide("0 0 1", "-8:8", "<mimic joint='j1' multiplier='0.5'/>")}));
+  const std::vector<Capsule> capsules = {{.link = "l0", .frame = 0}, {.link = "l3", .frame = 3, .radius = 0.25}};
+  const double farthest = 8.0 * std::sqrt(1.25) - 0.25;
+  EXPECT_EQ(pairs_to_keep_apart(robot, capsules, 0.98 * farthest).size(), 1U);
+  EXPECT_THAT(pairs_to_keep_apart(robot, capsules, farthest + 1e-4), ::testing::IsEmpty());
 }
 
 TEST(ArmBody, LeavesNeighboursAndTheWristToTheJointLimits) {

@@ -54,16 +54,6 @@ TEST(MeasuringPlan, OrdersTheWayAsWellAsAnyOrderOfAFew) {
   EXPECT_GE(best_found, 3);
 }
 
-TEST(MeasuringPlan, IsMuchShorterThanChance) {
-  const Robot robot = testing::fanuc();
-  const ErrorModel model = complete_model(robot);
-  Random random(3);
-  const Eigen::VectorXd home = Eigen::VectorXd::Zero(6);
-  const MatrixXd q = random_configurations(limits_of(model.joints), 40, random);
-  const MatrixXd ordered = q(Eigen::all, short_way(robot.joints, home, q));
-  EXPECT_LT(way_time(robot.joints, home, ordered), 0.7 * way_time(robot.joints, home, q));
-}
-
 // Joints of different velocities, a slide among them; the last one states none.
 constexpr const char* kUnevenArm = R"(<robot name="uneven">
   <link name="rail"/><link name="carriage"/><link name="arm"/><link name="hand"/><link name="tip"/>
@@ -164,31 +154,22 @@ TEST(MeasuringPlan, RoundsToABillionthOfADegreeOrAMillimetre) {
   EXPECT_THAT(plan_csv(plan_of(q), robot.joints), ::testing::HasSubstr("1,A,0.123456789,0.12345679,-7,0,,,\n"));
 }
 
-TEST(MeasuringPlan, OfControllersJointsTakesTheirOffsetsAway) {
+TEST(MeasuringPlan, OfControllersJointsHasTheirOffsetsAndTheUnitsOfWhatTheyMove) {
   const Robot robot = parse_robot(kUnevenArm);
   JointConvention convention = uneven_convention();
   convention.offset << 0.5, 10 * testing::kDegree, 0.0, -20 * testing::kDegree;
-  convention.matrix(2, 1) = 0.5;  // J1 moves the elbow too
-  Eigen::VectorXd q(4);
-  q << 0.75, 30 * testing::kDegree, 45 * testing::kDegree, 0.0;
-  EXPECT_THAT(plan_csv(plan_of(q), robot.joints, &convention), ::testing::HasSubstr("1,A,250,20,35,20,,,\n"));
-  convention.urdf_joints = {"slide", "shoulder", "elbow", "other"};
-  EXPECT_THAT(testing::refusal([&] { plan_csv(plan_of(q), robot.joints, &convention); }),
-              ::testing::HasSubstr("other"));
-}
-
-TEST(MeasuringPlan, ControllersJointsHaveTheUnitOfWhatTheyMove) {
-  const Robot robot = parse_robot(kUnevenArm);
-  JointConvention convention = uneven_convention();
   convention.matrix(0, 0) = -1.0;
-  Eigen::VectorXd q(4);
-  q << -0.125, 30 * testing::kDegree, -45 * testing::kDegree, 0.0;
-  const std::string csv = plan_csv(plan_of(q), robot.joints, &convention);
+  convention.matrix(2, 1) = 0.5;  // J1 moves the elbow too
+  const MeasuringPlan plan = plan_of(Eigen::Vector4d(0.75, 30 * testing::kDegree, 45 * testing::kDegree, 0.0));
+  const std::string csv = plan_csv(plan, robot.joints, &convention);
   EXPECT_THAT(csv, ::testing::HasSubstr(",E1[mm],J1[deg],J2[deg],J3[deg],"));
-  EXPECT_THAT(csv, ::testing::HasSubstr("1,A,125,30,-45,0,,,\n"));
+  EXPECT_THAT(csv, ::testing::HasSubstr("1,A,-250,20,35,20,,,\n"));
+  const auto refused = [&] { return testing::refusal([&] { plan_csv(plan, robot.joints, &convention); }); };
+  convention.urdf_joints.back() = "other";
+  EXPECT_THAT(refused(), ::testing::HasSubstr("other"));
+  convention.urdf_joints.back() = "wrist";
   convention.matrix(0, 1) = 0.01;  // J1 would move the slide as well
-  EXPECT_THAT(testing::refusal([&] { plan_csv(plan_of(q), robot.joints, &convention); }),
-              ::testing::HasSubstr("uneven.json: controller joint 'J1' moves angles and lengths"));
+  EXPECT_THAT(refused(), ::testing::HasSubstr("uneven.json: controller joint 'J1' moves angles and lengths"));
 }
 
 TEST(MeasuringPlan, ComesBackFromItsFile) {
