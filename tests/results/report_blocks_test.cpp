@@ -297,6 +297,10 @@ TEST(ReportBlocks, ShownRowsAreAllUpTo3000AndOfMoreTheLargestAreAmongThem) {
       EXPECT_LT(*std::max_element(left_out.begin(), left_out.end()), distances[count - 200]) << count;
     }
   }
+  const std::vector<std::size_t> of_equal = shown_rows(std::vector<double>(5000, 1.0));
+  for (std::size_t row = 0; row < 200; ++row) {
+    ASSERT_EQ(of_equal.at(row), row) << "of rows that are all as large the first are shown";
+  }
 }
 
 /// A saved result of every effect that is a function of joint values, and one that is not.

@@ -118,15 +118,6 @@ TEST(ReportPage, SameInputGivesTheSameBytesInEveryLocale) {
   EXPECT_TRUE(page == page_of(setting, result));
 }
 
-TEST(ReportPage, OfPointsThatAreAllAsLargeTheFirstAreShown) {
-  const std::vector<std::size_t> shown = shown_rows(std::vector<double>(5000, 1.0));
-  ASSERT_GE(shown.size(), 200U);
-  EXPECT_TRUE(std::is_sorted(shown.begin(), shown.end()));
-  for (std::size_t row = 0; row < 200; ++row) {
-    ASSERT_EQ(shown[row], row);
-  }
-}
-
 TEST(ReportPage, DistributionsHoldTheErrorsBeforeAndAfter) {
   const Measured setting = measured(20);
   const std::string result = result_of(setting);
@@ -260,18 +251,6 @@ TEST(ReportPage, HoldsCorrelationsInsteadOfTheCovariance) {
   EXPECT_FALSE(data["result"].contains("covariance"));
   result["covariance"] = nullptr;
   EXPECT_FALSE(page_data(result).contains("correlations"));
-}
-
-TEST(ReportPage, WithoutMeasurementsThereIsAPictureAlone) {
-  const Measured setting = measured(12);
-  const std::string result = result_of(setting);
-  const Json data = data_of_page(page_of(setting, result, false));
-  EXPECT_TRUE(data.contains("robot"));
-  EXPECT_FALSE(data.contains("measured"));
-  EXPECT_FALSE(data.contains("effects"));
-  EXPECT_FALSE(data["missing"].contains("robot"));
-  EXPECT_THAT(data["missing"]["measurements"], HasSubstr("measurements"));
-  EXPECT_EQ(data_of_page(page_of(setting, result))["missing"], Json::object());
 }
 
 TEST(ReportPage, ResidualsBeforeAreOfTheFramesThatWereKnown) {
