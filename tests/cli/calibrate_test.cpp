@@ -4,8 +4,8 @@
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cctype>
 #include <cmath>
+#include <regex>
 #include <set>
 
 #include "base/sha256.hpp"
@@ -15,6 +15,7 @@
 #include "cli_options_support.hpp"
 #include "cli_support.hpp"
 #include "effects/arm_kinematics.hpp"
+#include "json_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -63,6 +64,15 @@ Check is_library(const Set& set, const std::string& file = "m.csv") {
   };
 }
 
+/// The rows that this option writes stand in the file, below a header, and nothing else changes.
+Check writes_rows(const std::string& file, const std::function<std::size_t(const Json& result)>& rows) {
+  return [=](const Effect& effect) {
+    EXPECT_THAT(differences(effect.without.json, effect.with.json), ::testing::ElementsAre("provenance/files_written"));
+    const std::string csv = effect.with.files.at(file);
+    EXPECT_EQ(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')), 1 + rows(effect.with.json));
+  };
+}
+
 /// The result differs at least here, and not there.
 Check changes(const std::vector<std::string>& here, const std::vector<std::string>& not_there) {
   return [=](const Effect& effect) {
@@ -91,22 +101,13 @@ Eigen::Isometry3d known_base() {
 
 // NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> geometry_options() {
-  const auto error_of = [](const Answer& run, const std::string& name) {
-    for (const Json& parameter : run.json["parameters"]) {
-      if (parameter["name"] == name) {
-        return parameter["error"].get<double>();
-      }
-    }
-    return std::numeric_limits<double>::quiet_NaN();
-  };
   return {
       {"MethodTwoStepIsTheOther",
        {"--method", "two-step"},
-       both_checks(is_library([](auto& o) {
-                     o.estimator.method = Method::two_step;
-                     o.estimator.iterations = 5;
-                   }),
-                   [](const Effect& effect) { EXPECT_EQ(effect.with.json["iterations"], 5); }),
+       is_library([](auto& o) {
+         o.estimator.method = Method::two_step;
+         o.estimator.iterations = 5;
+       }),
        kMeasured + Words{"--iterations", "5"}},
       {"IterationsAreTheLimit",
        {"--iterations", "2"},
@@ -124,28 +125,18 @@ std::vector<OptionCase> geometry_options() {
        kMeasured},
       {"FixHoldsParametersAtZero",
        {"--fix", "dq2,*2"},
-       both_checks(is_library([](auto& o) {
-                     o.parameters.fix = {"dq2", "*2"};
-                   }),
-                   [=](const Effect& effect) {
-                     for (const char* name : {"dq2", "Tz2", "Rz2", "Ry2"}) {
-                       EXPECT_NE(error_of(effect.without, name), 0.0) << name;
-                       EXPECT_FALSE(error_of(effect.with, name) != 0.0 && !std::isnan(error_of(effect.with, name)))
-                           << name;
-                     }
-                     EXPECT_NE(error_of(effect.with, "Ty1"), 0.0);
-                   }),
+       is_library([](auto& o) {
+         o.parameters.fix = Words{"dq2", "*2"};
+       }),
        kMeasured},
       {"FreeAddsParameters", {"--free", "Rx1"}, is_library([](auto& o) { o.parameters.free = {"Rx1"}; }), kMeasured},
       {"PriorLengthIsOfLengths",
        {"--prior-length", "0.0005"},
-       both_checks(is_library([](auto& o) { o.selection.priors.length = 5e-4; }),
-                   changes({"priors/length"}, {"priors/angle", "input"})),
+       is_library([](auto& o) { o.selection.priors.length = 5e-4; }),
        kMeasured},
       {"PriorAngleIsOfAngles",
        {"--prior-angle", "0.0007"},
-       both_checks(is_library([](auto& o) { o.selection.priors.angle = 7e-4; }),
-                   changes({"priors/angle"}, {"priors/length", "input"})),
+       is_library([](auto& o) { o.selection.priors.angle = 7e-4; }),
        kMeasured},
       {"PriorResultHasItsPlaceInTheResult",
        {"--prior-result", "prior.json"},
@@ -167,13 +158,11 @@ std::vector<OptionCase> geometry_options() {
        kOfM + kNoPriors},
       {"GravityDirectionIsThatOfTheSag",
        {"--gravity-direction", "1,2,-2"},
-       both_checks(changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
-                   [](const Effect& effect) {
-                     const Json& direction = effect.with.json["effects"]["gravity_direction"];
-                     for (std::size_t axis = 0; axis < 3; ++axis) {
-                       EXPECT_NEAR(direction[axis], (axis == 0 ? 1.0 : axis == 1 ? 2.0 : -2.0) / 3.0, 1e-15) << axis;
-                     }
-                   }),
+       both_checks(
+           changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
+           [](const Effect& effect) {
+             expect_near(effect.with.json["effects"]["gravity_direction"], {1.0 / 3.0, 2.0 / 3.0, -2.0 / 3.0}, 1e-15);
+           }),
        kOfM + kNoPriors + Words{"--effects", "gravity"}},
       {"KnownBaseIsHeld",
        {"--known-base", "known.json"},
@@ -203,21 +192,11 @@ std::vector<OptionCase> noise_options() {
        kPoses},
       {"NoiseIndependentIsOneSigmaOfEveryAxis",
        {"--noise-independent", "3e-5"},
-       both_checks(is_library([](auto& o) { o.noise.stated.independent = Eigen::Vector3d::Constant(3e-5); }),
-                   [](const Effect& effect) {
-                     EXPECT_NEAR(effect.with.json["noise"]["independent"][1].get<double>(), 3e-5, 1e-15);
-                   }),
+       is_library([](auto& o) { o.noise.stated.independent = Eigen::Vector3d::Constant(3e-5); }),
        kMeasured},
       {"NoiseIndependentIsOneSigmaForEachAxis",
        {"--noise-independent", "1e-5,2e-5,4e-5"},
-       both_checks(is_library([](auto& o) {
-                     o.noise.stated.independent = {1e-5, 2e-5, 4e-5};
-                   }),
-                   [](const Effect& effect) {
-                     const Json ratio = effect.with.json["noise"]["independent"];
-                     EXPECT_NEAR(ratio[1].get<double>() / ratio[0].get<double>(), 2.0, 1e-9);
-                     EXPECT_NEAR(ratio[2].get<double>() / ratio[0].get<double>(), 4.0, 1e-9);
-                   }),
+       is_library([](auto& o) { o.noise.stated.independent = Eigen::Vector3d(1e-5, 2e-5, 4e-5); }),
        kMeasured},
       {"NoiseCommonIsSharedAlongEachAxis",
        {"--noise-common", "1e-5,2e-5,3e-5"},
@@ -262,29 +241,19 @@ std::vector<OptionCase> noise_options() {
        kMeasured},
       {"LeaveOneOutAddsAPrediction",
        {"--leave-one-out"},
-       both_checks(
-           is_library([](auto& o) {
-             o.validation.leave_one_out = true;
-             o.validation.k_fold = 3;
-           }),
-           changes({"position_error/leave_one_out", "exported_urdf/position_error/held_out/rms"},
-                   {"parameters", "position_error/train", "position_error/k_fold", "exported_urdf/parameters"})),
+       is_library([](auto& o) { o.validation = {.leave_one_out = true, .k_fold = 3}; }),
        kMeasured + Words{"--k-fold", "3"}},
       {"NestedAddsOneWithTheChoicesMadeAnew",
        {"--nested"},
        both_checks(is_library([](auto& o) {
-                     o.validation.leave_one_out = true;
-                     o.validation.nested = true;
+                     o.validation = {.leave_one_out = true, .nested = true};
                      o.selection.automatic_priors = true;
                    }),
                    changes_only({"position_error/nested_leave_one_out"})),
        kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
-       both_checks(is_library([](auto& o) {
-                     o.validation.leave_one_out = true;
-                     o.validation.k_fold = 2;
-                   }),
+       both_checks(is_library([](auto& o) { o.validation = {.leave_one_out = true, .k_fold = 2}; }),
                    changes_only({"position_error/k_fold", "predicted_accuracy/region/largest_variance",
                                  "held_out_points/*/configuration", "held_out_points/*/residual/*",
                                  "held_out_points/*/distance"})),
@@ -334,13 +303,7 @@ std::vector<OptionCase> file_options() {
          EXPECT_EQ(without_provenance(effect.with.json), without_provenance(effect.without.json));
          ASSERT_EQ(effect.with.files.size(), 1U);
          const ErrorModel model = complete_model(arm());
-         Eigen::VectorXd errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-         for (const Json& parameter : effect.with.json["parameters"]) {
-           const std::string name = parameter["name"];
-           if (name.find('.') == std::string::npos) {
-             errors[static_cast<Eigen::Index>(parameter_index(model, name))] = parameter["error"];
-           }
-         }
+         const Eigen::VectorXd errors = estimate_in(model, effect.with.json).errors;
          const Eigen::VectorXd q = Eigen::Vector3d(0.3, -0.2, 0.5);
          const Robot written = parse_robot(effect.with.files.at("c.urdf"));
          EXPECT_LT(difference(kdl_pose(written.chain, q), kdl_pose(error_chain(model, errors), q)), 1e-12);
@@ -356,22 +319,11 @@ std::vector<OptionCase> file_options() {
        kMeasured},
       {"ResidualsAreThoseOfTheRows",
        {"--residuals", "e.csv"},
-       [](const Effect& effect) {
-         EXPECT_THAT(differences(effect.without.json, effect.with.json),
-                     ::testing::UnorderedElementsAre("provenance/files_written"));
-         const std::string csv = effect.with.files.at("e.csv");
-         EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + effect.with.json["input"]["observations"].get<long>());
-       },
+       writes_rows("e.csv", [](const Json& result) { return result["input"]["observations"].get<std::size_t>(); }),
        kMeasured},
       {"CovarianceIsOfTheColumns",
        {"--covariance", "c.csv"},
-       [](const Effect& effect) {
-         EXPECT_THAT(differences(effect.without.json, effect.with.json),
-                     ::testing::UnorderedElementsAre("provenance/files_written"));
-         const std::string csv = effect.with.files.at("c.csv");
-         EXPECT_EQ(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')),
-                   1 + effect.with.json["covariance"]["names"].size());
-       },
+       writes_rows("c.csv", [](const Json& result) { return result["covariance"]["names"].size(); }),
        kMeasured},
       {"ReportShowsTheResult",
        {"--report", "c.html"},
@@ -486,28 +438,22 @@ namespace {
 using Json = nlohmann::json;
 using ::testing::HasSubstr;
 
-class CalibrateReport : public CommandLine {
-protected:
-  std::string readme() const {
-    std::ifstream stream(std::string(PROJECT_DIR) + "/src/cli/README.md", std::ios::binary);
-    return {std::istreambuf_iterator<char>(stream), {}};
-  }
-};
+using CalibrateReport = CommandLine;
 
-// The README with every word of its code spans.
-std::set<std::string> words_in_code(const std::string& text) {
+std::set<std::string> matches(const std::string& text, const std::regex& pattern) {
+  const std::sregex_token_iterator begin(text.begin(), text.end(), pattern);
+  return {begin, {}};
+}
+
+// The words in code spans of the command line's README.
+std::set<std::string> words_in_code() {
+  std::ifstream readme(std::string(PROJECT_DIR) + "/src/cli/README.md");
   std::set<std::string> words;
-  bool code = false;
-  std::string word;
-  for (const char c : text) {
-    const bool part = std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-';
-    if (code && part) {
-      word += c;
-    } else {
-      words.insert(word);
-      word.clear();
+  bool is_code = false;
+  for (std::string span; std::getline(readme, span, '`'); is_code = !is_code) {
+    if (is_code) {
+      words.merge(matches(span, std::regex("[A-Za-z0-9_-]+")));
     }
-    code = c == '`' ? !code : code;
   }
   return words;
 }
@@ -539,14 +485,10 @@ void expect_requirable(const Json& json, const std::string& path) {
 }
 
 TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeRequired) {
-  const std::vector<std::string> noisy = words_of("simulate --noise 2e-5 --length-sigma 0.001 --angle-sigma 0.001");
-  const auto simulate = [&](std::vector<std::string> more) {
-    more.insert(more.begin(), noisy.begin(), noisy.end());
-    succeed(more);
-  };
-  simulate(
-      words_of("--poses --targets 2 --repeats 2 --orientation-noise 1e-4 --configurations 12 --test-configurations 5 "
-               "--output m.csv"));
+  const Words noisy = words_of("simulate --noise 2e-5 --length-sigma 0.001 --angle-sigma 0.001");
+  succeed(noisy +
+          words_of("--poses --targets 2 --repeats 2 --orientation-noise 1e-4 --configurations 12 --test-configurations "
+                   "5 --output m.csv"));
   write("asked.csv", "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0,0,0,0,0,0\n");
   std::set<std::string> keys;
   const auto read = [&](const Json& json) {
@@ -556,7 +498,7 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeR
   read(
       run_json(words_of("calibrate --measurements m.csv --noise repeats --prior auto --effects auto --leave-one-out "
                         "--nested --k-fold 3 --predict-at asked.csv --json")));
-  simulate({"--output", "points.csv"});
+  succeed(noisy + Words{"--output", "points.csv"});
   Measurements points = read_measurements(directory / "points.csv", joint_names(fanuc()));
   points.observations[40].position.y() += 0.01;
   write("mistyped.csv", measurements_csv(points));
@@ -564,27 +506,15 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeR
   read(Json::parse(mistyped.out));
   read(Json::parse(run({"calibrate", "--measurements", "mistyped.csv", "--loss", "tukey", "--json"}).out));
   read(Json::parse(run({"validate", "--measurements", "mistyped.csv", "--json"}).out));
-  EXPECT_TRUE(keys.count("findings") == 1 && keys.count("convergence_factor") == 1 && keys.count("asked") == 1 &&
-              keys.count("cook") == 1 && keys.count("weights") == 1 && keys.count("nested_leave_one_out") == 1 &&
-              keys.count("exported_urdf") == 1 && keys.count("amount") == 1 && keys.count("matrix") == 1 &&
-              keys.count("files_read") == 1);
-  const std::set<std::string> known = words_in_code(readme());
-  for (const std::string& key : keys) {
-    EXPECT_EQ(known.count(key), 1U) << key;
-  }
+  EXPECT_THAT(keys, ::testing::IsSupersetOf({"findings", "convergence_factor", "asked", "cook", "weights", "matrix",
+                                             "nested_leave_one_out", "exported_urdf", "amount", "files_read"}));
+  EXPECT_THAT(words_in_code(), ::testing::IsSupersetOf(keys));
 }
 
 TEST_F(CalibrateReport, EveryOptionStandsInTheReadme) {
-  const std::string help = run({"calibrate", "--help"}).out;
-  const std::set<std::string> known = words_in_code(readme());
-  for (std::size_t at = help.find("--"); at != std::string::npos; at = help.find("--", at + 2)) {
-    std::size_t end = at + 2;
-    while (std::isalnum(static_cast<unsigned char>(help[end])) != 0 || help[end] == '-') {
-      ++end;
-    }
-    const std::string option = help.substr(at, end - at);
-    EXPECT_EQ(known.count(option), 1U) << option;
-  }
+  const std::set<std::string> options = matches(run({"calibrate", "--help"}).out, std::regex("--[a-z0-9-]+"));
+  EXPECT_GT(options.size(), 30U);
+  EXPECT_THAT(words_in_code(), ::testing::IsSupersetOf(options));
 }
 
 }  // namespace
@@ -614,22 +544,17 @@ TEST_F(CalibrateResult, NamesWhatItWasMadeFromAndWhatElseWasWritten) {
   succeed(command);
   const Json provenance = json_of("r.json")["provenance"];
   EXPECT_EQ(provenance["notes"], (Json{{"serial", "R 12,5"}, {"operator", "M\u00fcller"}}));
-  const std::string urdf = std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf";
+  const auto file = [&](const char* role, const std::string& path) {
+    return Json{{"role", role}, {"path", path}, {"sha256", sha256(text_of(path))}};
+  };
   ASSERT_EQ(provenance["files_read"].size(), 2U);
   EXPECT_EQ(provenance["files_read"][0]["role"], "urdf");
-  EXPECT_EQ(provenance["files_read"][0]["sha256"], sha256(content(urdf)));
-  EXPECT_EQ(provenance["files_read"][1]["role"], "measurements");
-  EXPECT_EQ(provenance["files_read"][1]["path"], "m.csv");
-  EXPECT_EQ(provenance["files_read"][1]["sha256"], sha256(text_of("m.csv")));
-  ASSERT_EQ(provenance["files_written"].size(), 2U);
-  EXPECT_EQ(provenance["files_written"][0]["path"], "c.urdf");
-  EXPECT_EQ(provenance["files_written"][0]["sha256"], sha256(text_of("c.urdf")));
-  EXPECT_EQ(provenance["files_written"][1]["sha256"], sha256(text_of("e.csv")));
+  EXPECT_EQ(provenance["files_read"][0]["sha256"], sha256(content(kFanuc)));
+  EXPECT_EQ(provenance["files_read"][1], file("measurements", "m.csv"));
+  EXPECT_EQ(provenance["files_written"], (Json{file("output", "c.urdf"), file("residuals", "e.csv")}));
   EXPECT_EQ(json_of("r.json")["exported_urdf"]["sha256"], sha256(text_of("c.urdf")));
   const std::string first = text_of("r.json");
-  Words again = command;
-  again.emplace_back("--force");
-  succeed(again);
+  succeed(command + Words{"--force"});
   EXPECT_TRUE(text_of("r.json") == first) << "the same input gave other bytes";
 }
 
@@ -638,28 +563,22 @@ TEST_F(CalibrateResult, NamesTheFilesOfKnownBaseAndKnownTargets) {
   const std::string base = R"({"base": {"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}})";
   const std::string targets = R"({"targets": [{"name": "A", "position": [0.1, 0, 0]}]})";
   write({{"base.json", base}, {"targets.json", targets}});
-  const std::map<std::string, std::string> sums = {{"known-base", sha256(base)}, {"known-targets", sha256(targets)}};
-  const std::map<std::string, std::string> names = {{"known-base", "base.json"}, {"known-targets", "targets.json"}};
-  for (const std::vector<std::string>& roles :
-       {std::vector<std::string>{"known-base"}, {"known-targets"}, {"known-base", "known-targets"}}) {
-    Words options;
-    for (const std::string& role : roles) {
-      options = options + Words{"--" + role, names.at(role)};
+  const Json of_base = {{"role", "known-base"}, {"path", "base.json"}, {"sha256", sha256(base)}};
+  const Json of_targets = {{"role", "known-targets"}, {"path", "targets.json"}, {"sha256", sha256(targets)}};
+  for (const auto& files : {std::vector<Json>{of_base}, {of_targets}, {of_base, of_targets}}) {
+    Words options = words_of("--effects none --prior none --json");
+    for (const Json& file : files) {
+      options = options + Words{"--" + file["role"].get<std::string>(), file["path"]};
     }
-    options = options + Words{"--effects", "none", "--prior", "none", "--json"};
-    const Json files = Json::parse(run(calibrate(options)).out)["provenance"]["files_read"];
-    ASSERT_EQ(files.size(), 2 + roles.size()) << files;
-    for (std::size_t i = 0; i < roles.size(); ++i) {
-      EXPECT_EQ(files[2 + i], (Json{{"role", roles[i]}, {"path", names.at(roles[i])}, {"sha256", sums.at(roles[i])}}));
-    }
+    const Json read = Json::parse(run(calibrate(options)).out)["provenance"]["files_read"];
+    ASSERT_EQ(read.size(), 2 + files.size()) << read;
+    EXPECT_TRUE(std::equal(files.begin(), files.end(), read.begin() + 2)) << read;
   }
 }
 
 TEST_F(CalibrateResult, NamesTheFileThatItsOptionsCameFrom) {
   write("options.toml", "[calibrate]\nnoise = \"equal\"\n");
-  Words command = calibrate({"--result", "r.json"});
-  command.insert(command.begin(), {"--config", "options.toml"});
-  succeed(command);
+  succeed(Words{"--config", "options.toml"} + calibrate({"--result", "r.json"}));
   const Json files = json_of("r.json")["provenance"]["files_read"];
   ASSERT_EQ(files.size(), 3U);
   EXPECT_EQ(files[2]["role"], "config");
@@ -727,14 +646,12 @@ TEST_F(CalibrateResult, MustBeWhatIsRequired) {
     return run(words);
   };
   const std::string path = "position_error.leave_one_out.after.rms";
-  const std::string below = path + " < " + std::to_string(rms * 0.99) + "mm";
-  EXPECT_EQ(
-      with({path + "<=" + std::to_string(rms * 1.01) + "mm", path + ">=" + std::to_string(rms * 0.99) + "mm"}).status,
-      0);
-  const Outcome unmet = with({below});
-  EXPECT_EQ(unmet.status, 1);
-  EXPECT_THAT(unmet.err, HasSubstr("'" + below + "' is not fulfilled"));
-  EXPECT_EQ(with({"rank==33", "parameters.0.std<1 mm", "noise.sigma<50um", "targets.0.position.0<0.2m"}).status, 0);
+  const std::string least = std::to_string(rms * 0.99) + "mm";
+  EXPECT_EQ(with({path + "<=" + std::to_string(rms * 1.01) + "mm", path + ">=" + least, "parameters.0.std<1 mm",
+                  "noise.sigma<50um", "targets.0.position.0<0.2m"})
+                .status,
+            0);
+  EXPECT_EQ(with({path + " < " + least}).status, 1);
   const Outcome missed = with({"rank == 33", "rank==32", "test.rms<1mm"});
   EXPECT_EQ(missed.status, 1);
   EXPECT_THAT(lines_of(missed.err), ElementsAre("kdlcal: required: 'rank==32' is not fulfilled: the value is 33",
@@ -747,12 +664,8 @@ TEST_F(CalibrateResult, MustBeWhatIsRequired) {
 TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
   ASSERT_EQ(run(calibrate({"--result", "r.json", "--require", "rank==32,noise.sigma<50um"})).status, 1);
   Json judged = json_of("r.json");
-  EXPECT_EQ(judged["requirements"][0], (Json{{"text", "rank==32"},
-                                             {"value", "33"},
-                                             {"fulfilled", false},
-                                             {"message", "'rank==32' is not fulfilled: the value is 33"}}));
+  EXPECT_EQ(judged["requirements"][0]["fulfilled"], false);
   EXPECT_EQ(judged["requirements"][1]["fulfilled"], true);
-  EXPECT_THAT(judged["requirements"][1]["value"].get<std::string>(), ::testing::EndsWith(" um"));
   EXPECT_EQ(judged["trusted"], true) << "which nothing was required of";
   ASSERT_EQ(run(calibrate({"--result", "plain.json"})).status, 0);
   judged.erase("requirements");
@@ -798,11 +711,8 @@ TEST_F(CalibrateResult, IsValidatedWithItsFullModel) {
 TEST_F(CalibrateResult, IsRefusedWithTheUrdfThatItCorrected) {
   ASSERT_EQ(run(calibrate({"--result", "r.json", "--output", "c.urdf"})).status, 0);
   const Words fk = {"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json"};
-  const Json by_result = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
-  const Json by_urdf = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--urdf", "c.urdf"});
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    EXPECT_NEAR(by_result["frames"].back()["position"][axis], by_urdf["frames"].back()["position"][axis], 1e-12);
-  }
+  expect_near(run_json(fk + Words{"--result", "r.json"})["frames"].back()["position"],
+              run_json(fk + Words{"--urdf", "c.urdf"})["frames"].back()["position"], 1e-12);
   for (const char* subcommand : {"fk", "jacobian"}) {
     expect_refused({subcommand, "--joints", "0,0,0,0,0,0", "--urdf", "c.urdf", "--result", "r.json"},
                    {"r.json: was not made with c.urdf", "hash"});
@@ -817,13 +727,11 @@ TEST_F(CalibrateResult, FkMovesAndTiltsTheJointsAsTheResultSays) {
     ASSERT_EQ(run(calibrate({"--effects", effect, "--prior", "none", "--result", "r.json", "--force"})).status, 0);
     const Json fk = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
     const SavedCalibration saved = read_calibration(directory / "r.json", fanuc());
-    Eigen::VectorXd q(6);
-    q << 0.1, 0.2, 0.3, 0.4, 0.5, 0.6;
+    const Eigen::VectorXd q{{0.1, 0.2, 0.3, 0.4, 0.5, 0.6}};
     const Eigen::Vector3d expected =
         ArmKinematics(saved.model, saved.estimate.errors, saved.estimate.effects).flange_pose(q).translation();
     const Eigen::Vector3d rigid = ArmKinematics(saved.model, saved.estimate.errors, {}).flange_pose(q).translation();
-    const auto found = fk["frames"].back()["position"].get<std::vector<double>>();
-    EXPECT_LT((Eigen::Map<const Eigen::Vector3d>(found.data()) - expected).norm(), 1e-9) << effect;
+    EXPECT_LT((vector_of(fk["frames"].back()["position"]) - expected).norm(), 1e-9) << effect;
     EXPECT_GT((rigid - expected).norm(), 1e-5) << effect;
   }
 }
