@@ -316,6 +316,14 @@ protected:
     }
   }
 
+  /// Leaves m.csv and r.json of a calibrated virtual FANUC without effects, which is made once.
+  void write_calibration() {
+    write_once("a calibrated FANUC", [this] {
+      succeed(words_of("simulate --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output m.csv"));
+      succeed(words_of("calibrate --measurements m.csv --effects none --prior none --result r.json"));
+    });
+  }
+
   /// Leaves the files that `make` makes, which is done once for all tests that name them so.
   void write_once(const std::string& what, const std::function<void()>& make) {
     static std::map<std::string, std::map<std::string, std::string>> known;

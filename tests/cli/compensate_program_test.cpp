@@ -30,10 +30,7 @@ class ProgramFiles : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    write_once("result", [this] {
-      succeed(words_of("simulate --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output m.csv"));
-      succeed(words_of("calibrate --measurements m.csv --effects none --prior none --result r.json"));
-    });
+    write_calibration();
     write("IN.LS", program("UF : 0, UT : 0", Vector3d(1500, 0, 360)));
   }
 };

@@ -4,6 +4,7 @@
 
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
+#include "cli/frames.hpp"
 #include "cli_options_support.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/result_file.hpp"
@@ -14,6 +15,7 @@ namespace kdl_calibration::testing::compensate_test {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -29,24 +31,8 @@ class Compensate : public CommandLine {
 protected:
   void SetUp() override {
     CommandLine::SetUp();
-    write("r.json", result());
+    write_calibration();
     write("p.csv", kProgram);
-  }
-
-  // Of a calibration of a virtual robot, which takes a while.
-  std::string result() {
-    static const std::string text = [this] {
-      EXPECT_EQ(
-          run({"simulate", "--noise", "3e-5", "--length-sigma", "0.001", "--angle-sigma", "0.001", "--output", "m.csv"})
-              .status,
-          0);
-      EXPECT_EQ(
-          run({"calibrate", "--measurements", "m.csv", "--effects", "none", "--prior", "none", "--result", "r.json"})
-              .status,
-          0);
-      return text_of("r.json");
-    }();
-    return text;
   }
 
   Calibration calibration() { return load_calibration(directory / "r.json", fanuc()); }
@@ -141,19 +127,15 @@ std::string in_wpr(const Eigen::Isometry3d& X) {
   return joined({mm.x(), mm.y(), mm.z(), w / kDegree, p / kDegree, r / kDegree});
 }
 
-// The poses in a row of the file of commands.
+// The poses in a file of commands.
 std::vector<Eigen::Isometry3d> poses_in(const std::string& text) {
   std::vector<Eigen::Isometry3d> poses;
-  for (const std::string& line : lines_of(text)) {
-    std::vector<double> numbers;
-    std::istringstream cells(line);
-    for (std::string cell; std::getline(cells, cell, ',') && numbers.size() < 7;) {
-      numbers.push_back(std::strtod(cell.c_str(), nullptr));
-    }
-    if (numbers.size() == 7 && numbers[0] > 0.0) {
-      Eigen::Isometry3d& X = poses.emplace_back(to_eigen(KDL::Frame(
-          KDL::Rotation::RPY(numbers[4] * kDegree, numbers[5] * kDegree, numbers[6] * kDegree), KDL::Vector())));
-      X.translation() = 1e-3 * Eigen::Vector3d(numbers[1], numbers[2], numbers[3]);
+  for (const std::vector<std::string>& cells : cells_of(text)) {
+    if (cells.size() >= 7 && cells[0] != "configuration") {
+      const auto mm = [&](std::size_t i) { return 1e-3 * std::stod(cells[i]); };
+      const auto degrees = [&](std::size_t i) { return kDegree * std::stod(cells[i]); };
+      poses.push_back(to_eigen(
+          KDL::Frame(KDL::Rotation::RPY(degrees(4), degrees(5), degrees(6)), KDL::Vector(mm(1), mm(2), mm(3)))));
     }
   }
   return poses;
@@ -180,12 +162,7 @@ TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
       Eigen::Translation3d(0.3, 1.5, 0.2) * Eigen::Isometry3d(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()));
   const Eigen::Isometry3d X_FT =
       Eigen::Translation3d(0.05, 0.3, 0.0) * Eigen::Isometry3d(Eigen::AngleAxisd(-0.7, Eigen::Vector3d::UnitX()));
-  const auto frame = [](const Eigen::Isometry3d& X) {
-    const Eigen::Quaterniond q(X.linear());
-    return Json{{"position", {X.translation().x(), X.translation().y(), X.translation().z()}},
-                {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
-  };
-  write("f.json", Json{{"user", frame(X_BU)}, {"tool", frame(X_FT)}}.dump());
+  write("f.json", Json{{"user", cli::frame_json(X_BU)}, {"tool", cli::frame_json(X_FT)}}.dump());
   const CalibratedArm arm = calibration().arm();
   for (const bool framed : {false, true}) {
     for (const bool seeded : {false, true}) {
@@ -274,10 +251,11 @@ TEST_F(Compensate, KeepsThePositionWhereAsked) {
 
 TEST_F(Compensate, SaysHowWellEachPointIsKnown) {
   run(kCompensate + Words{"--predict", "known.csv"});
-  const std::vector<std::string> rows = lines_of(text_of("known.csv"));
+  const std::vector<Words> rows = cells_of(text_of("known.csv"));
   ASSERT_EQ(rows.size(), 4U);
-  EXPECT_EQ(rows[0], "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside");
-  EXPECT_THAT(rows[3], StartsWith("3,position_only,"));
+  EXPECT_THAT(rows[0], ElementsAre("configuration", "status", "position_error[m]", "orientation_error[rad]", "sigma[m]",
+                                   "radius_95[m]", "outside"));
+  EXPECT_EQ(rows[3].at(1), "position_only");
   const Measurements commanded = read_configurations(fanuc(), directory / "o.csv");
   double sigma = 0.0;
   double radius = 0.0;
@@ -286,19 +264,14 @@ TEST_F(Compensate, SaysHowWellEachPointIsKnown) {
     sigma = std::max(sigma, std::sqrt(point.covariance.trace()));
     radius = std::max(radius, point.radius_95);
   }
-  std::istringstream cells(rows[1]);
-  std::vector<std::string> first;
-  for (std::string cell; std::getline(cells, cell, ',');) {
-    first.push_back(cell);
-  }
-  ASSERT_EQ(first.size(), 7U);
-  EXPECT_NEAR(std::stod(first[4]), sigma, 1e-15);
-  EXPECT_NEAR(std::stod(first[5]), radius, 1e-15);
-  EXPECT_EQ(first[6], "false");
+  ASSERT_EQ(rows[1].size(), 7U);
+  EXPECT_NEAR(std::stod(rows[1][4]), sigma, 1e-15);
+  EXPECT_NEAR(std::stod(rows[1][5]), radius, 1e-15);
+  EXPECT_EQ(rows[1][6], "false");
 }
 
 TEST_F(Compensate, WarnsOfWhatTheCalibrationNotedOtherwise) {
-  Json noted = Json::parse(result());
+  Json noted = json_of("r.json");
   noted["provenance"]["notes"] = {{"payload", "165"}, {"gripper", "none"}};
   write("r.json", noted.dump());
   const Outcome outcome = run(kCompensate + Words{"--note", "payload=80", "--note", "gripper=none", "--note", "x=1"});

@@ -85,36 +85,6 @@ TEST(PagesOfKdlcal, OfAPlanShowChosenAndOtherPlacesTheTrackerAndWhatFewerWouldGi
               1e-12);
 }
 
-TEST(PagesOfKdlcal, OfRunsShowTheirErrorsAndWhatWasPredicted) {
-  const ErrorModel model = complete_model(fanuc());
-  const auto configurations = [&](int count) {
-    return [&model, count](Random& random) { return random_configurations(limits_of(model.joints), count, random); };
-  };
-  const MonteCarlo experiment{.model = model,
-                              .with_errors = {2},
-                              .targets = published_targets(),
-                              .noise = {.sigma = 1e-5},
-                              .train = configurations(15),
-                              .test = configurations(2),
-                              .calibration = {},
-                              .runs = 2};
-  MonteCarloResult runs{.runs = 2};
-  runs.all_errors = {1.0, 2.0};
-  runs.mean_errors = {3.0};
-  runs.largest_errors = {4.0, 5.0, 6.0};
-  runs.all.count = 11;
-  runs.means.count = 12;
-  runs.maxima.count = 13;
-  const Json result = {{"runs", 2}};
-  const Json data = expect_page(cli::monte_carlo_page(result, experiment, runs, kSetup), "monte_carlo", result);
-  EXPECT_EQ(data["setup"].size(), 2U);
-  EXPECT_EQ(data["distributions"], Json::parse(R"({"all": {"count": 11, "values": [1.0, 2.0]},
-    "maxima": {"count": 13, "values": [4.0, 5.0, 6.0]}, "means": {"count": 12, "values": [3.0]}})"));
-  const std::vector<double> predicted = predicted_errors(experiment);
-  EXPECT_EQ(predicted.size(), 4U);
-  EXPECT_EQ(data["predicted"], (Json{{"count", 4}, {"values", predicted}}));
-}
-
 TEST(PagesOfKdlcal, OfTheTwoStepProcedureShowTheOtherRoundsToo) {
   const Json other = {{"rounds", 5}};
   const Json data = expect_page(cli::two_step_page({{"a", 1}}, other, kSetup), "two_step", {{"a", 1}});

@@ -57,13 +57,16 @@ TEST_F(PageOfKdlcal, IsMadeAgainWithTheFramesThatWereKnown) {
 
 TEST_F(PageOfKdlcal, WithoutRobotAndMeasurementsSaysWhatIsMissing) {
   calibrate_with_page();
+  EXPECT_EQ(page("c.html")["missing"], Json::object());
   succeed({"report", "--result", "r.json", "--output", "alone.html"});
   const Json alone = page("alone.html");
   EXPECT_THAT(alone["missing"]["robot"], HasSubstr("URDF"));
   EXPECT_THAT(alone["missing"]["measurements"], HasSubstr("measurements"));
   succeed({"report", "--result", "r.json", "--urdf", urdf, "--output", "robot.html"});
-  EXPECT_TRUE(page("robot.html").contains("robot"));
-  EXPECT_FALSE(page("robot.html").contains("measured"));
+  const Json of_robot = page("robot.html");
+  EXPECT_TRUE(of_robot.contains("robot"));
+  EXPECT_FALSE(of_robot.contains("measured") || of_robot.contains("effects") || of_robot["missing"].contains("robot"));
+  EXPECT_THAT(of_robot["missing"]["measurements"], HasSubstr("measurements"));
 }
 
 TEST_F(PageOfKdlcal, NamesTheCommandThatPlansWhatComesNext) {
@@ -140,6 +143,14 @@ TEST_F(PageOfKdlcal, OfMonteCarloRunsHasTheirErrorsAndThePrediction) {
   const Json data = page("m.html");
   EXPECT_EQ(data["kind"], "monte_carlo");
   EXPECT_EQ(data["result"], printed);
+  for (const auto& [shown, key] :
+       {std::pair{"all", "all"}, std::pair{"means", "mean_of_run"}, std::pair{"maxima", "max_of_run"}}) {
+    const Json& distribution = data["distributions"][shown];
+    EXPECT_EQ(distribution["count"], printed["held_out_error"][key]["count"]) << shown;
+    EXPECT_EQ(distribution["values"].back(), printed["held_out_error"][key]["max"]) << shown;
+  }
+  EXPECT_EQ(data["distributions"]["maxima"]["values"].size(), 20U);
+  EXPECT_EQ(data["predicted"]["count"], data["predicted"]["values"].size());
   EXPECT_EQ(data["setup"], Json::parse(R"([["robot", "fanuc_r2000ic_165f"], ["configurations", "20"], ["targets", "3"],
     ["noise", "0.0300 mm of a coordinate, 1 sigma"],
     ["true errors", "lengths 0.300 mm, angles 0.0172 deg, 1 sigma"], ["seed", "4"]])"));
