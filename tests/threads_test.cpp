@@ -10,6 +10,8 @@
 #include <set>
 #include <string>
 #include <thread>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "calibration/calibration_settings.hpp"
@@ -30,28 +32,27 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::Measured;
 
-/// A question about objects that threads share, answered by a number that hangs on all of the answer.
-struct Asked {
-  std::string name;
-  std::function<double()> ask;
-};
-
-double number(const std::string& text) { return std::accumulate(text.begin(), text.end(), 0.0); }
-double number(const std::vector<std::string>& texts) {
-  return std::accumulate(texts.begin(), texts.end(), 0.0,
-                         [](double sum, const std::string& text) { return 2.0 * sum + number(text); });
+template <class Number>
+requires(std::is_arithmetic_v<Number> || std::is_enum_v<Number>) double number(Number value) {
+  return static_cast<double>(value);
 }
-double number(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
+template <class Derived>
+double number(const Eigen::MatrixBase<Derived>& matrix) {
+  return matrix.sum();
+}
+double number(const std::string& text) { return std::accumulate(text.begin(), text.end(), 0.0); }
+double number(const Eigen::Isometry3d& pose) { return pose.matrix().sum(); }
+template <class Value>
+double number(const std::vector<Value>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0,
+                         [](double sum, const Value& value) { return 0.99 * sum + number(value); });
+}
 double number(const Estimate& estimate) {
   double sum = estimate.errors.sum() + estimate.X_WB.matrix().sum() + estimate.effects.sum();
   for (const TargetFrame& target : estimate.targets) {
     sum += target.X_FT.matrix().sum();
   }
   return sum;
-}
-double number(const std::vector<Eigen::Isometry3d>& poses) {
-  return std::accumulate(poses.begin(), poses.end(), 0.0,
-                         [](double sum, const Eigen::Isometry3d& pose) { return sum + pose.matrix().sum(); });
 }
 double number(const ColumnRange& range) { return static_cast<double>(100 * range.first + range.count); }
 double number(const NormalEquations& equations) {
@@ -65,6 +66,15 @@ double number(const Measurements& measurements) {
   return sum;
 }
 double number(const NoiseModel& noise) { return noise.independent.sum() + noise.common.sum() + noise.misfit; }
+
+/// A question about objects that threads share, answered by a number that hangs on all of the answer.
+struct Asked {
+  template <class Ask>
+  Asked(std::string what, Ask question) : name(std::move(what)), ask([question] { return number(question()); }) {}
+
+  std::string name;
+  std::function<double()> ask;
+};
 
 /// Objects of every class of the public API, made once and then constant.
 struct Shared {
@@ -131,42 +141,39 @@ std::vector<Asked> methods_of_estimation() {
   const VectorXd step = VectorXd::Constant(free.size(), 1e-6);
   const PriorRows rows = prior_rows(free, {.priors = {.length = 1e-3, .angle = 1e-3}, .noise = {}, .row_weights = {}});
   return {
-      {"Unknowns::with", [&] { return number(free.with(s.model, UnknownGroup::base, {1}).names()); }},
-      {"Unknowns::with_all", [&] { return number(free.with_all(s.model, UnknownGroup::geometric).names()); }},
-      {"Unknowns::without", [&] { return number(free.without(UnknownGroup::targets).names()); }},
-      {"Unknowns::subset", [&] { return number(free.subset(std::vector<bool>(free.columns().size(), true)).names()); }},
-      {"Unknowns::size", [&] { return static_cast<double>(free.size()); }},
-      {"Unknowns::columns", [&] { return static_cast<double>(free.columns().size()); }},
-      {"Unknowns::names", [&] { return number(free.names()); }},
+      {"Unknowns::with", [&] { return free.with(s.model, UnknownGroup::base, {1}).names(); }},
+      {"Unknowns::with_all", [&] { return free.with_all(s.model, UnknownGroup::geometric).names(); }},
+      {"Unknowns::without", [&] { return free.without(UnknownGroup::targets).names(); }},
+      {"Unknowns::subset", [&] { return free.subset(std::vector<bool>(free.columns().size(), true)).names(); }},
+      {"Unknowns::size", [&] { return free.size(); }},
+      {"Unknowns::columns", [&] { return free.columns().size(); }},
+      {"Unknowns::names", [&] { return free.names(); }},
       {"Unknowns::column",
-       [&] {
-         return static_cast<double>(free.column(free.names().back()).value() +
-                                    free.column(UnknownGroup::base, 3).value());
-       }},
-      {"Unknowns::at_station", [&] { return static_cast<double>(free.at_station(0).size()); }},
-      {"Unknowns::of_station", [&] { return number(free.of_station(0).names()); }},
-      {"Unknowns::base_columns", [&] { return static_cast<double>(free.base_columns(0)[2]); }},
-      {"Unknowns::target_columns", [&] { return static_cast<double>(free.target_columns(1)[2]); }},
-      {"Unknowns::range", [&] { return number(free.range(UnknownGroup::targets)); }},
-      {"Unknowns::chain", [&] { return number(free.chain()); }},
-      {"Unknowns::of", [&] { return static_cast<double>(free.of(UnknownGroup::targets).back()); }},
-      {"Unknowns::geometric", [&] { return static_cast<double>(free.geometric().back()); }},
-      {"Unknowns::effects", [&] { return static_cast<double>(free.effects().size()); }},
-      {"Unknowns::order_of_choice", [&] { return static_cast<double>(free.order_of_choice().back()); }},
+       [&] { return free.column(free.names().back()).value() + free.column(UnknownGroup::base, 3).value(); }},
+      {"Unknowns::at_station", [&] { return free.at_station(0).size(); }},
+      {"Unknowns::of_station", [&] { return free.of_station(0).names(); }},
+      {"Unknowns::base_columns", [&] { return free.base_columns(0)[2]; }},
+      {"Unknowns::target_columns", [&] { return free.target_columns(1)[2]; }},
+      {"Unknowns::range", [&] { return free.range(UnknownGroup::targets); }},
+      {"Unknowns::chain", [&] { return free.chain(); }},
+      {"Unknowns::of", [&] { return free.of(UnknownGroup::targets).back(); }},
+      {"Unknowns::geometric", [&] { return free.geometric().back(); }},
+      {"Unknowns::effects", [&] { return free.effects().size(); }},
+      {"Unknowns::order_of_choice", [&] { return free.order_of_choice().back(); }},
       {"Unknowns::move",
        [&, step] {
          Estimate moved = estimate;
          free.move(estimate, step, moved);
-         return number(moved);
+         return moved;
        }},
-      {"Unknowns::moved", [&, step] { return number(free.moved(estimate, step)); }},
+      {"Unknowns::moved", [&, step] { return free.moved(estimate, step); }},
       {"Unknowns::difference", [&] { return free.difference(s.start, estimate).sum(); }},
       {"Unknowns::values", [&] { return free.values(estimate).sum(); }},
       {"PriorRows::information", [&, rows] { return rows.information().sum(); }},
       {"PriorRows::residuals", [&, rows] { return rows.residuals(free.values(estimate)).sum(); }},
       {"Unknowns::prior_information", [&] { return free.prior_information({.length = 1e-3, .angle = 1e-3}).sum(); }},
-      {"ColumnRange::end", [&] { return static_cast<double>(free.chain().end()); }},
-      {"ColumnRange::empty", [&] { return free.chain().empty() ? 1.0 : 0.0; }},
+      {"ColumnRange::end", [&] { return free.chain().end(); }},
+      {"ColumnRange::empty", [&] { return free.chain().empty(); }},
       {"LeastSquaresProblem::linearise",
        [&] {
          LeastSquaresProblem::Workspace own;
@@ -182,11 +189,11 @@ std::vector<Asked> methods_of_estimation() {
       {"LeastSquaresProblem::whitened", [&] { return s.problem.whitened(estimate).jacobian.sum(); }},
       {"LeastSquaresProblem::whitened_summary",
        [&] { return s.problem.whitened_summary(estimate).sqrt_information.sum(); }},
-      {"LeastSquaresProblem::model", [&] { return static_cast<double>(s.problem.model().parameters.size()); }},
-      {"LeastSquaresProblem::unknowns", [&] { return static_cast<double>(s.problem.unknowns().size()); }},
-      {"LeastSquaresProblem::columns", [&] { return static_cast<double>(s.problem.columns()); }},
-      {"LeastSquaresProblem::equations", [&] { return static_cast<double>(s.problem.equations()); }},
-      {"LeastSquaresProblem::points", [&] { return static_cast<double>(s.problem.points()); }},
+      {"LeastSquaresProblem::model", [&] { return s.problem.model().parameters.size(); }},
+      {"LeastSquaresProblem::unknowns", [&] { return s.problem.unknowns().size(); }},
+      {"LeastSquaresProblem::columns", [&] { return s.problem.columns(); }},
+      {"LeastSquaresProblem::equations", [&] { return s.problem.equations(); }},
+      {"LeastSquaresProblem::points", [&] { return s.problem.points(); }},
       {"LeastSquaresProblem::cost_of_repeats", [&] { return s.problem.cost_of_repeats(); }},
       {"LeastSquaresProblem::total_weight", [&] { return s.problem.total_weight(); }},
   };
@@ -195,15 +202,15 @@ std::vector<Asked> methods_of_estimation() {
 std::vector<Asked> other_methods() {
   const Shared& s = shared();
   return {
-      {"ArmKinematics::joints", [&] { return static_cast<double>(s.arm.joints()); }},
+      {"ArmKinematics::joints", [&] { return s.arm.joints(); }},
       {"ArmKinematics::flange_pose",
        [&] {
          Matrix6Xd jacobian;
          return s.arm.flange_pose(s.q, jacobian).matrix().sum() + s.arm.flange_pose(s.q).matrix().sum() +
                 jacobian.sum();
        }},
-      {"EffectTerm::group", [&] { return static_cast<double>(s.gain.group()); }},
-      {"ChainFolder::shape", [&] { return static_cast<double>(s.folder.shape().links.size()); }},
+      {"EffectTerm::group", [&] { return s.gain.group(); }},
+      {"ChainFolder::shape", [&] { return s.folder.shape().links.size(); }},
       {"ChainFolder::fold",
        [&] {
          FoldedChain chain = s.folder.shape();
@@ -212,51 +219,50 @@ std::vector<Asked> other_methods() {
          return flange_pose(chain, s.q).matrix().sum();
        }},
       {"PositionPredictor::jacobians", [&] { return s.predictor.jacobians(s.q).back().sum(); }},
-      {"TrainingRows::has_others", [&] { return s.rows.has_others() ? 1.0 : 0.0; }},
-      {"TrainingRows::values_of", [&] { return number(s.rows.values_of(s.residuals.row_weights)); }},
+      {"TrainingRows::has_others", [&] { return s.rows.has_others(); }},
+      {"TrainingRows::values_of", [&] { return s.rows.values_of(s.residuals.row_weights); }},
       {"TrainingRows::among_all",
-       [&] { return number(s.rows.among_all(std::vector<double>((*s.rows).observations.size(), 2.0), 1.0)); }},
+       [&] { return s.rows.among_all(std::vector<double>((*s.rows).observations.size(), 2.0), 1.0); }},
       {"TrainingProblem::rows", [&] { return number(*s.training.rows()) + number((*s.training).start); }},
-      {"NoiseModel::is_absolute", [&] { return s.options.noise.stated.is_absolute() ? 1.0 : 0.0; }},
-      {"NoiseModel::has_misfit", [&] { return s.options.noise.stated.has_misfit() ? 1.0 : 0.0; }},
-      {"NoiseModel::is_isotropic", [&] { return s.options.noise.stated.is_isotropic() ? 1.0 : 0.0; }},
-      {"NoiseModel::is_alike_in_every_direction",
-       [&] { return s.options.noise.stated.is_alike_in_every_direction() ? 1.0 : 0.0; }},
+      {"NoiseModel::is_absolute", [&] { return s.options.noise.stated.is_absolute(); }},
+      {"NoiseModel::has_misfit", [&] { return s.options.noise.stated.has_misfit(); }},
+      {"NoiseModel::is_isotropic", [&] { return s.options.noise.stated.is_isotropic(); }},
+      {"NoiseModel::is_alike_in_every_direction", [&] { return s.options.noise.stated.is_alike_in_every_direction(); }},
       {"ResidualOptions::row_weight", [&] { return s.residuals.row_weight(3); }},
-      {"NoiseParts::estimates_misfit", [&] { return s.parts.estimates_misfit() ? 1.0 : 0.0; }},
+      {"NoiseParts::estimates_misfit", [&] { return s.parts.estimates_misfit(); }},
       {"NoiseParts::misfit", [&] { return s.parts.misfit(); }},
       {"NoiseParts::target_misfit", [&] { return s.parts.target_misfit(); }},
       {"NoiseParts::common", [&] { return s.parts.common().sum(); }},
       {"NoiseParts::independent", [&] { return s.parts.independent().sum(); }},
-      {"NoiseParts::model", [&] { return number(s.parts.model({})); }},
+      {"NoiseParts::model", [&] { return s.parts.model({}); }},
       {"NoiseParts::point", [&] { return s.parts.point().sum(); }},
       {"NoiseParts::freedom", [&] { return s.parts.freedom(1e-9, NoiseParts::Variances::Ones()); }},
       {"NoiseParts::freedom_of_point", [&] { return s.parts.freedom_of_point(); }},
       {"ResidualNoise::total", [&] { return noise_from_residuals(s.summary, 30, 1.0).total(); }},
       {"NoiseReport::freedom_of_covariance", [&] { return s.calibration.noise.freedom_of_covariance(); }},
-      {"CalibrationResult::trusted", [&] { return s.calibration.trusted() ? 1.0 : 0.0; }},
-      {"CalibrationResult::verdict", [&] { return static_cast<double>(s.calibration.verdict()); }},
+      {"CalibrationResult::trusted", [&] { return s.calibration.trusted(); }},
+      {"CalibrationResult::verdict", [&] { return s.calibration.verdict(); }},
       {"MeasuredRegion::holds",
-       [&] { return s.calibration.uncertainty.predicted.region.holds(s.q, Eigen::Matrix3d::Zero()) ? 1.0 : 0.0; }},
+       [&] { return s.calibration.uncertainty.predicted.region.holds(s.q, Eigen::Matrix3d::Zero()); }},
       {"Freedom::left", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.left(); }},
       {"Freedom::spent", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.spent(); }},
       {"Freedom::correction", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.correction(); }},
-      {"Calibration::verdict", [&] { return static_cast<double>(s.found.verdict()); }},
-      {"Calibration::doubts", [&] { return static_cast<double>(s.found.doubts().size()); }},
-      {"Calibration::warnings", [&] { return number(s.found.warnings()); }},
+      {"Calibration::verdict", [&] { return s.found.verdict(); }},
+      {"Calibration::doubts", [&] { return s.found.doubts().size(); }},
+      {"Calibration::warnings", [&] { return s.found.warnings(); }},
       {"Calibration::accuracy", [&] { return s.found.accuracy().train.after.rms; }},
-      {"Calibration::parameters", [&] { return static_cast<double>(s.found.parameters().size()); }},
+      {"Calibration::parameters", [&] { return s.found.parameters().size(); }},
       {"Calibration::parameter", [&] { return s.found.parameter("Tx1").value; }},
       {"Calibration::error", [&] { return s.found.error("Tx1"); }},
       {"Calibration::std", [&] { return s.found.std("Tx1"); }},
-      {"Calibration::estimated", [&] { return number(s.found.estimated()); }},
+      {"Calibration::estimated", [&] { return s.found.estimated(); }},
       {"Calibration::covariance", [&] { return s.found.covariance().sum(); }},
       {"Calibration::arm", [&] { return s.found.arm().flange_pose(s.q).matrix().sum(); }},
       {"Calibration::urdf_chain", [&] { return s.found.urdf_chain().getNrOfSegments(); }},
       {"Calibration::parts", [&] { return s.found.parts().urdf_errors.sum(); }},
-      {"CalibratedArm::joints", [&] { return number(s.calibrated.joints()); }},
-      {"CalibratedArm::targets", [&] { return number(s.calibrated.targets()); }},
-      {"CalibratedArm::stations", [&] { return static_cast<double>(s.calibrated.stations().size()); }},
+      {"CalibratedArm::joints", [&] { return s.calibrated.joints(); }},
+      {"CalibratedArm::targets", [&] { return s.calibrated.targets(); }},
+      {"CalibratedArm::stations", [&] { return s.calibrated.stations().size(); }},
       {"CalibratedArm::base", [&] { return s.calibrated.base().matrix().sum(); }},
       {"CalibratedArm::flange_pose", [&] { return s.calibrated.flange_pose(s.q).matrix().sum(); }},
       {"CalibratedArm::predict", [&] { return s.calibrated.predict(s.q, "A").radius_95; }},
@@ -266,13 +272,13 @@ std::vector<Asked> other_methods() {
          return s.compensator.solve(s.q).joint_values.sum() + s.compensator.solve(s.X_BF[1], s.q).position_error;
        }},
       {"Accuracy::held_out", [&] { return s.calibration.accuracy.held_out()->after.rms; }},
-      {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined() ? 1.0 : 0.0; }},
+      {"SizeEstimator::is_determined", [&] { return s.sizes.is_determined(); }},
       {"SizeEstimator::estimate", [&] { return s.sizes.estimate({}, {}, 1e-9).values.sum(); }},
-      {"Comparison::has_changed", [] { return Comparison{.p_value = 1e-4}.has_changed() ? 1.0 : 0.0; }},
-      {"TruthComparison::comparable", [&] { return s.comparison.comparable() ? 1.0 : 0.0; }},
-      {"OptionError::option", [&] { return number(s.error.option()); }},
-      {"OptionError::fault", [&] { return number(s.error.fault()); }},
-      {"OptionError::remedies", [&] { return number(s.error.remedies()); }},
+      {"Comparison::has_changed", [] { return Comparison{.p_value = 1e-4}.has_changed(); }},
+      {"TruthComparison::comparable", [&] { return s.comparison.comparable(); }},
+      {"OptionError::option", [&] { return s.error.option(); }},
+      {"OptionError::fault", [&] { return s.error.fault(); }},
+      {"OptionError::remedies", [&] { return s.error.remedies(); }},
   };
 }
 
@@ -280,22 +286,22 @@ std::vector<Asked> functions_up_to_estimation() {
   const Shared& s = shared();
   const FitProblem& fit_problem = s.fit_problem;
   return {
-      {"complete_model", [&] { return static_cast<double>(complete_model(s.robot).parameters.size()); }},
+      {"complete_model", [&] { return complete_model(s.robot).parameters.size(); }},
       {"error_chain", [&] { return difference_to_kdl(s.model, s.estimate.errors, s.data.joint_values); }},
-      {"flange_poses", [&] { return number(flange_poses(s.model, s.estimate, s.data.joint_values)); }},
-      {"reduced_model", [&] { return number(reduced_model(s.model, s.estimate.targets).kept); }},
-      {"subset", [&] { return number(subset(s.data, [](const Observation& row) { return row.target == 1; })); }},
-      {"averaged", [&] { return number(averaged(s.data)); }},
-      {"training_sample", [&] { return number(training_sample(s.data, 5)); }},
+      {"flange_poses", [&] { return flange_poses(s.model, s.estimate, s.data.joint_values); }},
+      {"reduced_model", [&] { return reduced_model(s.model, s.estimate.targets).kept; }},
+      {"subset", [&] { return subset(s.data, [](const Observation& row) { return row.target == 1; }); }},
+      {"averaged", [&] { return averaged(s.data); }},
+      {"training_sample", [&] { return training_sample(s.data, 5); }},
       {"trained_ranges", [&] { return trained_ranges(s.data).front().first; }},
-      {"joined", [&] { return number(joined(s.data, s.data)); }},
+      {"joined", [&] { return joined(s.data, s.data); }},
       {"register_base_and_targets", [&] { return register_base_and_targets(s.X_BF, s.data).rms; }},
-      {"identify_jointly", [&] { return number(identify_jointly(s.model, s.data, s.start, s.free).estimate); }},
-      {"identify_robustly", [&] { return number(identify_robustly(fit_problem).weights); }},
+      {"identify_jointly", [&] { return identify_jointly(s.model, s.data, s.start, s.free).estimate; }},
+      {"identify_robustly", [&] { return identify_robustly(fit_problem).weights; }},
       {"identify_in_two_steps",
        [&] {
          const std::function<Measurements(int)> same = [&](int) { return s.data; };
-         return number(identify_in_two_steps(s.model, same, s.start, s.free.geometric(), {.rounds = 2}).estimate);
+         return identify_in_two_steps(s.model, same, s.start, s.free.geometric(), {.rounds = 2}).estimate;
        }},
       {"identification_jacobian", [&] { return identification_jacobian(s.model, s.estimate, s.free, s.q).sum(); }},
   };
@@ -310,9 +316,8 @@ std::vector<Asked> functions_of_assessment() {
       {"predicted_covariance", [&] { return predicted_covariance(s.predictor, s.C, s.q, 1).sum(); }},
       {"noise_from_repeats", [&] { return noise_from_repeats(s.data).total.sum(); }},
       {"estimate_noise", [&] { return estimate_noise(s.model, s.data, s.estimate, s.free, {}).variances.sum(); }},
-      {"test_lack_of_fit",
-       [&] { return test_lack_of_fit(s.model, s.data, s.estimate, s.free).has_value() ? 1.0 : 0.0; }},
-      {"explained_by_joints", [&] { return number(explained_by_joints(s.model, s.estimate, s.data)); }},
+      {"test_lack_of_fit", [&] { return test_lack_of_fit(s.model, s.data, s.estimate, s.free).has_value(); }},
+      {"explained_by_joints", [&] { return explained_by_joints(s.model, s.estimate, s.data); }},
       {"influence",
        [&] {
          return influence(s.problem, s.data, {}, s.estimate, s.summary.sqrt_information).configurations.back().cook;
@@ -320,42 +325,38 @@ std::vector<Asked> functions_of_assessment() {
       {"pseudo_values",
        [&] {
          const std::vector<double>& weights = s.residuals.row_weights;
-         return number(pseudo_values(s.model, s.data, s.estimate, Loss::huber, weights).measurements);
+         return pseudo_values(s.model, s.data, s.estimate, Loss::huber, weights).measurements;
        }},
-      {"position_errors", [&] { return number(position_errors(s.model, s.estimate, s.data)); }},
+      {"position_errors", [&] { return position_errors(s.model, s.estimate, s.data); }},
       {"iso_9283", [&] { return iso_9283(s.model, s.estimate, s.data).repeatability.rms; }},
-      {"make_folds", [&] { return static_cast<double>(make_folds(s.data, 4).back().back()); }},
-      {"can_be_left_out", [&] { return can_be_left_out(s.data, s.folds, s.free.size()) ? 1.0 : 0.0; }},
-      {"cross_validate", [&] { return number(cross_validate(fit_problem, s.folds, 2).distances); }},
-      {"cross_validate_by_sums",
-       [&] { return number(cross_validate_by_sums(fit_problem, s.folds, 3e-5, 2).distances); }},
+      {"make_folds", [&] { return make_folds(s.data, 4).back().back(); }},
+      {"can_be_left_out", [&] { return can_be_left_out(s.data, s.folds, s.free.size()); }},
+      {"cross_validate", [&] { return cross_validate(fit_problem, s.folds, 2).distances; }},
+      {"cross_validate_by_sums", [&] { return cross_validate_by_sums(fit_problem, s.folds, 3e-5, 2).distances; }},
       {"predict_folds",
        [&] {
          const FoldTask task{.problem = fit_problem, .sqrt_information = s.summary.sqrt_information, .noise = 3e-5};
-         return number(distances_of(predict_folds(task, s.folds, 2)));
+         return distances_of(predict_folds(task, s.folds, 2));
        }},
-      {"check_measurements",
-       [&] { return static_cast<double>(check_measurements(s.model, s.data, s.estimate).size()); }},
+      {"check_measurements", [&] { return check_measurements(s.model, s.data, s.estimate).size(); }},
       {"try_conventions", [&] { return try_conventions(s.model, s.data, s.free, {.threads = 2}).front().rms; }},
       {"alternative_readings",
-       [&] {
-         return static_cast<double>(alternative_readings(s.model, s.data, s.estimate, s.free, {.threads = 2}).size());
-       }},
+       [&] { return alternative_readings(s.model, s.data, s.estimate, s.free, {.threads = 2}).size(); }},
   };
 }
 
 std::vector<Asked> functions_of_whole_jobs() {
   const Shared& s = shared();
   return {
-      {"calibrate", [&] { return number(calibrate(s.model, s.data, {.threads = 2}).fit.identification.estimate); }},
-      {"calibrated_urdf", [&] { return number(calibrated_urdf(s.robot, s.calibration)); }},
-      {"result_json", [&] { return number(result_json(s.robot, s.data, s.options, s.calibration)); }},
-      {"result_table", [&] { return number(result_table(s.data, s.calibration)); }},
-      {"residuals_csv", [&] { return number(residuals_csv(s.data, s.calibration)); }},
+      {"calibrate", [&] { return calibrate(s.model, s.data, {.threads = 2}).fit.identification.estimate; }},
+      {"calibrated_urdf", [&] { return calibrated_urdf(s.robot, s.calibration); }},
+      {"result_json", [&] { return result_json(s.robot, s.data, s.options, s.calibration); }},
+      {"result_table", [&] { return result_table(s.data, s.calibration); }},
+      {"residuals_csv", [&] { return residuals_csv(s.data, s.calibration); }},
       {"parse_calibration",
        [&] {
          const std::string json = result_json(s.robot, s.data, s.options, s.calibration);
-         return number(parse_calibration(json, s.robot, "the result").estimate);
+         return parse_calibration(json, s.robot, "the result").estimate;
        }},
       {"information", [&] { return information(s.experiment, s.data).sum(); }},
       {"predicted",
