@@ -32,10 +32,10 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::Measured;
 
-template <class Number>
-requires(std::is_arithmetic_v<Number> || std::is_enum_v<Number>) double number(Number value) {
-  return static_cast<double>(value);
-}
+template <class Value>
+concept Scalar = std::is_arithmetic_v<Value> || std::is_enum_v<Value>;
+
+double number(Scalar auto value) { return static_cast<double>(value); }
 template <class Derived>
 double number(const Eigen::MatrixBase<Derived>& matrix) {
   return matrix.sum();
