@@ -108,11 +108,44 @@ inline Check changes_only(const std::vector<std::string>& places) {
   };
 }
 
-inline Check both_checks(const Check& first, const Check& second) {
+template <class... Checks>
+Check all_checks(const Checks&... checks) {
+  return [=](const Effect& effect) { (checks(effect), ...); };
+}
+
+/// The value at a place, "/sigma/plan/mean"; null where there is none.
+inline Json at(const Json& json, const std::string& place) {
+  const Json::json_pointer pointer(place);
+  return json.contains(pointer) ? json[pointer] : Json();
+}
+
+/// The place of standard output has one value without the option and the other one with it.
+inline Check turns(const std::string& place, const Json& without, const Json& with) {
   return [=](const Effect& effect) {
-    first(effect);
-    second(effect);
+    EXPECT_EQ(at(effect.without.json, place), without) << place;
+    EXPECT_EQ(at(effect.with.json, place), with) << place;
   };
+}
+
+/// The list at the place has so many entries without the option and with it.
+inline Check counts(const std::string& place, std::size_t without, std::size_t with) {
+  return [=](const Effect& effect) {
+    EXPECT_EQ(at(effect.without.json, place).size(), without) << place;
+    EXPECT_EQ(at(effect.with.json, place).size(), with) << place;
+  };
+}
+
+/// The option does not change the place, lowers its number below this share, or raises it.
+inline Check keeps(const std::string& place) {
+  return [=](const Effect& effect) { EXPECT_EQ(at(effect.with.json, place), at(effect.without.json, place)) << place; };
+}
+inline Check lowers(const std::string& place, double share = 1.0) {
+  return [=](const Effect& effect) {
+    EXPECT_LT(at(effect.with.json, place), share * at(effect.without.json, place).get<double>()) << place;
+  };
+}
+inline Check raises(const std::string& place) {
+  return [=](const Effect& effect) { EXPECT_GT(at(effect.with.json, place), at(effect.without.json, place)) << place; };
 }
 
 inline Check changes_nothing() { return changes_only({}); }

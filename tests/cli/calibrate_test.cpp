@@ -111,7 +111,7 @@ std::vector<OptionCase> geometry_options() {
        kMeasured + Words{"--iterations", "5"}},
       {"IterationsAreTheLimit",
        {"--iterations", "2"},
-       both_checks(is_library([](auto& o) { o.estimator.iterations = 2; }),
+       all_checks(is_library([](auto& o) { o.estimator.iterations = 2; }),
                    [](const Effect& effect) {
                      EXPECT_EQ(effect.with.json["iterations"], 2);
                      EXPECT_EQ(effect.with.json["termination"], "iteration_limit");
@@ -158,7 +158,7 @@ std::vector<OptionCase> geometry_options() {
        kOfM + kNoPriors},
       {"GravityDirectionIsThatOfTheSag",
        {"--gravity-direction", "1,2,-2"},
-       both_checks(
+       all_checks(
            changes({"effects/gravity_direction/*", "effects/terms"}, {"input", "findings"}),
            [](const Effect& effect) {
              expect_near(effect.with.json["effects"]["gravity_direction"], {1.0 / 3.0, 2.0 / 3.0, -2.0 / 3.0}, 1e-15);
@@ -245,7 +245,7 @@ std::vector<OptionCase> noise_options() {
        kMeasured + Words{"--k-fold", "3"}},
       {"NestedAddsOneWithTheChoicesMadeAnew",
        {"--nested"},
-       both_checks(is_library([](auto& o) {
+       all_checks(is_library([](auto& o) {
                      o.validation = {.leave_one_out = true, .nested = true};
                      o.selection.automatic_priors = true;
                    }),
@@ -253,7 +253,7 @@ std::vector<OptionCase> noise_options() {
        kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
-       both_checks(is_library([](auto& o) { o.validation = {.leave_one_out = true, .k_fold = 2}; }),
+       all_checks(is_library([](auto& o) { o.validation = {.leave_one_out = true, .k_fold = 2}; }),
                    changes_only({"position_error/k_fold", "predicted_accuracy/region/largest_variance",
                                  "held_out_points/*/configuration", "held_out_points/*/residual/*",
                                  "held_out_points/*/distance"})),
@@ -289,7 +289,7 @@ std::vector<OptionCase> file_options() {
        Words{"--measurements", "controller.csv"} + kNoEffects + kNoPriors},
       {"PredictAtIsWhereTheAccuracyIsAsked",
        {"--predict-at", "asked.csv"},
-       both_checks(is_library([](auto& o) {
+       all_checks(is_library([](auto& o) {
                      o.predict_at.names = {"first", "second"};
                      o.predict_at.joint_values = Eigen::MatrixXd::Zero(3, 2);
                      o.predict_at.joint_values.col(0) << 0.1, 0.2, 0.3;

@@ -250,7 +250,7 @@ std::vector<OptionCase> identification_options() {
       {"OneTargetHasThreeRows", {"--targets", "1"}, has_matrices_of(3, 1), matrices},
       {"TargetsComeFromAFile",
        {"--target-file", "targets.json"},
-       both_checks(has_matrices_of(3, 2),
+       all_checks(has_matrices_of(3, 2),
                    [](const Effect& effect) { EXPECT_THAT(effect.with.outcome.out, HasSubstr(",Q,z,")); }),
        matrices},
       {"TheCompleteModelHasEveryError", {"--model", "complete"}, header_gains("Tz0"), matrices},

@@ -94,6 +94,21 @@ Check starts_at(const Robot& robot, const Eigen::VectorXd& home) {
   };
 }
 
+const std::string kMean = "/sigma/plan/mean";
+const std::string kLargest = "/sigma/plan/max";
+
+/// With the option there is no lower bound for any plan.
+Check has_no_floor() {
+  return [](const Effect& effect) {
+    EXPECT_TRUE(at(effect.with.json, "/sigma/floor").is_null());
+    EXPECT_FALSE(at(effect.without.json, "/sigma/floor").is_null());
+  };
+}
+
+Check keeps_choice() {
+  return [](const Effect& effect) { EXPECT_EQ(chosen(effect.with), chosen(effect.without)); };
+}
+
 const Words kTasks = {"--tasks", "tasks.csv"};
 const Words kTracker = {"--tracker", "4,2,1"};
 const Eigen::Vector3d kStand(4.0, 2.0, 1.0);
@@ -104,117 +119,78 @@ std::vector<OptionCase> number_options() {
   return {
       {"ConfigurationsAreChosen",
        {"--configurations", "7"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.without.json["configurations"].size(), 30U);
-         EXPECT_EQ(effect.with.json["configurations"].size(), 7U);
-         EXPECT_EQ(effect.with.json["candidates"], effect.without.json["candidates"]);
-       }},
+       all_checks(counts("/configurations", 30, 7), keeps("/candidates"))},
       {"ResultIsPlannedOn",
        {"--result", "r.json"},
-       [](const Effect& effect) {
-         EXPECT_LT(effect.with.json["sigma"]["plan"]["mean"],
-                   0.8 * effect.without.json["sigma"]["plan"]["mean"].get<double>());
-         EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null());
-         EXPECT_EQ(effect.with.json["configurations"].size(), 8U);
-       }},
+       all_checks(lowers(kMean, 0.8), has_no_floor(), counts("/configurations", 8, 8))},
       {"MeasuredIsPlannedOn",
        {"--measured", "m.csv"},
-       [](const Effect& effect) {
-         EXPECT_LT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
-         EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null());
-         EXPECT_FALSE(effect.without.json["sigma"]["floor"].is_null());
-         std::set<std::string> labels;
-         for (const Json& configuration : effect.with.json["configurations"]) {
-           labels.insert(configuration["configuration"]);
-         }
-         EXPECT_EQ(labels.size(), 8U);
-         const Measurements measured = read_measurements(effect.directory / "m.csv", joint_names(arm()));
-         for (const std::string& taken : measured.configurations) {
-           EXPECT_EQ(labels.count(taken), 0U) << taken;
-         }
-       }},
-      {"AddIsHowManyMore",
-       {"--add", "5"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.without.json["configurations"].size(), 30U);
-         EXPECT_EQ(effect.with.json["configurations"].size(), 5U);
-       },
-       {"--measured", "m.csv"}},
+       all_checks(lowers(kMean), has_no_floor(),
+                  [](const Effect& effect) {
+                    std::set<std::string> labels;
+                    for (const Json& configuration : effect.with.json["configurations"]) {
+                      labels.insert(configuration["configuration"]);
+                    }
+                    EXPECT_EQ(labels.size(), 8U);
+                    const Measurements measured = read_measurements(effect.directory / "m.csv", joint_names(arm()));
+                    labels.insert(measured.configurations.begin(), measured.configurations.end());
+                    EXPECT_EQ(labels.size(), 8U + measured.configurations.size()) << "a label is taken";
+                  })},
+      {"AddIsHowManyMore", {"--add", "5"}, counts("/configurations", 30, 5), {"--measured", "m.csv"}},
       {"AccuracyIsReachedWithAsFewAsPossible",
        {"--accuracy", "0.04"},
        [](const Effect& effect) {
-         EXPECT_LE(effect.with.json["sigma"]["plan"]["mean"], 4e-5);
-         EXPECT_GT(effect.with.json["sigma"]["plan"]["mean"], 3.2e-5) << "more than were needed";
+         EXPECT_LE(at(effect.with.json, kMean), 4e-5);
+         EXPECT_GT(at(effect.with.json, kMean), 3.2e-5) << "more than were needed";
          EXPECT_LT(effect.with.json["configurations"].size(), 8U);
        }},
       {"AccuracyOfTheWorst",
        {"--accuracy-of", "max"},
        [](const Effect& effect) {
-         EXPECT_GT(effect.without.json["sigma"]["plan"]["max"], 4e-5);
-         EXPECT_LE(effect.with.json["sigma"]["plan"]["max"], 4e-5);
-         EXPECT_GT(effect.with.json["sigma"]["plan"]["max"], 3.2e-5);
+         EXPECT_GT(at(effect.without.json, kLargest), 4e-5);
+         EXPECT_LE(at(effect.with.json, kLargest), 4e-5);
+         EXPECT_GT(at(effect.with.json, kLargest), 3.2e-5);
        },
        {"--accuracy", "0.04"}},
       {"CandidatesAreChosenFrom",
        {"--candidates", "500"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["candidates"]["count"], 500);
-         EXPECT_EQ(effect.without.json["candidates"]["count"], 5000);
-         EXPECT_LT(effect.with.json["candidates"]["samples"], effect.without.json["candidates"]["samples"]);
-         EXPECT_EQ(effect.with.json["configurations"].size(), 8U);
-       }},
+       all_checks(turns("/candidates/count", 5000, 500), lowers("/candidates/samples"),
+                  counts("/configurations", 8, 8))},
       {"WorkspaceIsWhereToPredict",
        {"--workspace", "100"},
-       [](const Effect& effect) {
-         EXPECT_EQ(chosen(effect.with), chosen(effect.without));
-         EXPECT_NE(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
-         EXPECT_EQ(effect.with.json["d_efficiency"], effect.without.json["d_efficiency"]);
-         EXPECT_EQ(effect.with.json["candidates"]["count"], 100);
-       }},
+       all_checks(
+           keeps_choice(), keeps("/d_efficiency"), turns("/candidates/count", 100, 100),
+           [](const Effect& effect) { EXPECT_NE(at(effect.with.json, kMean), at(effect.without.json, kMean)); })},
       {"TasksAreWhereToPredict",
        {"--tasks", "tasks.csv"},
-       both_checks(promises({}),
-                   [](const Effect& effect) {
-                     EXPECT_EQ(chosen(effect.with), chosen(effect.without));
-                     EXPECT_EQ(effect.with.json["observability"], effect.without.json["observability"]);
-                   })},
+       all_checks(promises({}), keeps_choice(), keeps("/observability"))},
       {"CriterionGIsTheWorstVariance",
        {"--criterion", "G"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["criterion"], "G");
-         EXPECT_EQ(effect.without.json["criterion"], "D");
-         EXPECT_LT(effect.with.json["sigma"]["plan"]["max"], effect.without.json["sigma"]["plan"]["max"]);
-       },
+       all_checks(turns("/criterion", "D", "G"), lowers(kLargest)),
        kTasks},
       {"CriterionIIsTheMeanVariance",
        {"--criterion", "I"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["criterion"], "I");
-         EXPECT_LT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
-       },
+       all_checks(turns("/criterion", "D", "I"), lowers(kMean)),
        kTasks},
       {"StartsAreSearched",
        {"--starts", "4"},
-       [](const Effect& effect) {
-         EXPECT_LE(effect.with.json["d_efficiency"], effect.without.json["d_efficiency"]);  // of 8 starts
-         EXPECT_NE(effect.with.json["exchanges"], effect.without.json["exchanges"]);
-         EXPECT_EQ(effect.with.json["candidates"], effect.without.json["candidates"]);
-       }},
+       all_checks(keeps("/candidates"),
+                  [](const Effect& effect) {
+                    EXPECT_LE(effect.with.json["d_efficiency"], effect.without.json["d_efficiency"]);  // of 8 starts
+                    EXPECT_NE(effect.with.json["exchanges"], effect.without.json["exchanges"]);
+                  })},
       {"SeedDrawsOtherCandidates",
        {"--seed", "2"},
-       [](const Effect& effect) {
-         EXPECT_NE(chosen(effect.with).sum(), chosen(effect.without).sum());
-         EXPECT_EQ(effect.with.json["candidates"]["count"], 100);
-       }},
+       all_checks(turns("/candidates/count", 100, 100),
+                  [](const Effect& effect) { EXPECT_NE(chosen(effect.with).sum(), chosen(effect.without).sum()); })},
       {"ThreadsChangeNothing", {"--threads", "3"}, changes_nothing()},
       {"MonteCarloTriesThePlan",
        {"--monte-carlo", "2"},
-       both_checks(changes_only({"monte_carlo"}),
-                   [](const Effect& effect) {
-                     EXPECT_EQ(effect.with.json["monte_carlo"]["runs"], 2);
-                     EXPECT_GT(effect.with.json["monte_carlo"]["held_out_error"]["mean"], 1e-5);
-                     EXPECT_LT(effect.with.json["monte_carlo"]["held_out_error"]["mean"], 1e-4);
-                   })},
+       all_checks(changes_only({"monte_carlo"}), turns("/monte_carlo/runs", nullptr, 2),
+                  [](const Effect& effect) {
+                    EXPECT_GT(effect.with.json["monte_carlo"]["held_out_error"]["mean"], 1e-5);
+                    EXPECT_LT(effect.with.json["monte_carlo"]["held_out_error"]["mean"], 1e-4);
+                  })},
   };
 }
 
@@ -225,22 +201,15 @@ std::vector<OptionCase> promise_options() {
   return {
       {"TargetsAreCounted",
        {"--targets", "2"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["targets"], 2);
-         EXPECT_EQ(effect.with.json["parameters"], 18);
-         EXPECT_EQ(effect.without.json["targets"], 3);
-       }},
+       all_checks(turns("/targets", 3, 2),
+                  [](const Effect& effect) { EXPECT_EQ(effect.with.json["parameters"], 18); })},
       {"TargetFileHasTheTargets",
        {"--target-file", "targets.json"},
-       [](const Effect& effect) {
-         EXPECT_EQ(effect.with.json["targets"], 2);
-         EXPECT_GT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
-       }},
+       all_checks(turns("/targets", 3, 2), raises(kMean))},
       {"NoiseIsOfEveryCoordinate", {"--noise", "6e-5"}, promises({.sigma = 6e-5}), kTasks},
       {"ConfigurationNoiseIsShared",
        {"--configuration-noise", "5e-5"},
-       both_checks(promises({.configuration_sigma = 5e-5}),
-                   [](const Effect& effect) { EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null()); }),
+       all_checks(promises({.configuration_sigma = 5e-5}), has_no_floor()),
        kTasks},
       {"NoiseTrackerIsRangeThenTransverseFromWhereItStands",
        {"--noise-tracker", "1e-5,2e-6,4e-5,5e-6"},
@@ -248,15 +217,12 @@ std::vector<OptionCase> promise_options() {
        kTasks + kTracker},
       {"EffectsAreToBeLearntAsWell",
        {"--effects", "gravity"},
-       [](const Effect& effect) {
-         EXPECT_TRUE(effect.without.json["effects"].empty());
-         const auto names = effect.with.json["effects"].get<std::vector<std::string>>();
-         EXPECT_THAT(names, ::testing::Each(::testing::StartsWith("gravity.")));
-         EXPECT_EQ(names.size(), 6U);  // two a link beyond, at joints 2 and 3
-         EXPECT_EQ(effect.with.json["parameters"], effect.without.json["parameters"].get<std::size_t>() + names.size());
-         EXPECT_GT(effect.with.json["sigma"]["plan"]["mean"], effect.without.json["sigma"]["plan"]["mean"]);
-         EXPECT_TRUE(effect.with.json["sigma"]["floor"].is_null());
-       },
+       all_checks(counts("/effects", 0, 6), raises(kMean), has_no_floor(),  // two a link beyond, at joints 2 and 3
+                  [](const Effect& effect) {
+                    EXPECT_THAT(effect.with.json["effects"].get<Words>(),
+                                ::testing::Each(::testing::StartsWith("gravity.")));
+                    EXPECT_EQ(effect.with.json["parameters"], effect.without.json["parameters"].get<int>() + 6);
+                  }),
        kTasks},
       {"PriorLengthIsOfLengths", {"--prior-length", "0.0002"}, promises({}, {.length = 2e-4}), kTasks},
       {"PriorAngleIsOfAngles", {"--prior-angle", "0.0001"}, promises({}, {.angle = 1e-4}), kTasks},
@@ -329,12 +295,10 @@ std::vector<OptionCase> robot_options() {
        {"--output", "p.csv"}},
       {"StationsEachHaveTheirPlace",
        {"--stations", "3"},
-       [](const Effect& effect) {
-         const Json& plan = effect.with.json;
-         EXPECT_EQ(plan["stations"].size(), 3U);
-         EXPECT_EQ(plan["configurations"].size(), effect.without.json["configurations"].size());
-         EXPECT_LT(plan["sigma"]["plan"]["mean"], plan["sigma"]["random"]["mean"]);
-       }},
+       all_checks(counts("/stations", 0, 3), counts("/configurations", 8, 8),
+                  [](const Effect& effect) {
+                    EXPECT_LT(at(effect.with.json, kMean), at(effect.with.json, "/sigma/random/mean"));
+                  })},
       {"SocketsAreTouched",
        {"--sockets", "sockets.json", "--output", "p.csv"},
        [](const Effect& effect) {
@@ -358,11 +322,11 @@ std::vector<OptionCase> robot_options() {
        }},
       {"ReportShowsThePlan",
        {"--report", "p.html"},
-       both_checks(writes_page_of_json("p.html"),
-                   [](const Effect& effect) {
-                     EXPECT_EQ(data_of_page(effect.with.files.at("p.html"))["setup"],
-                               Json::parse(R"([["noise", "0.0300 mm of a coordinate, 1 sigma"], ["seed", "1"]])"));
-                   })},
+       all_checks(writes_page_of_json("p.html"),
+                  [](const Effect& effect) {
+                    EXPECT_EQ(data_of_page(effect.with.files.at("p.html"))["setup"],
+                              Json::parse(R"([["noise", "0.0300 mm of a coordinate, 1 sigma"], ["seed", "1"]])"));
+                  })},
       {"ForceOverwrites", {"--force"}, overwrites("old.csv", "# "), {"--output", "old.csv"}},
       {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json()},
   };
@@ -471,10 +435,7 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   expect_refused(with({"--configurations", "3"}), {"expected at least 4 configurations"});
   expect_refused(with({"--least-height", "9", "--output", "plan.csv"}),
                  {"the constraints leave 0 of", "least height 9000 mm removes"});
-  expect_refused(with({"--joint-range", "joint_9=0:1"}), {"--joint-range", "joint_9=0:1", "expected"});
-  expect_refused(with({"--joint-range", "joint_2=170:180"}), {"--joint-range", "limits"});
   expect_refused(with({"--keep-out-sphere", "1,2,3"}), {"--keep-out-sphere", "1,2,3", "x,y,z,radius"});
-  expect_refused(with({"--acceptance-angle", "30"}), {"--acceptance-angle", "--tracker"});
   expect_refused(with({"--add", "3"}), {"--add", "--measured"});
   expect_refused(with({"--measured", "m.csv", "--result", "r.json"}), {"--result", "--measured", "one of the two"});
   expect_refused(with({"--result", "r.json", "--monte-carlo", "2"}), {"--monte-carlo", "--measured FILE"});

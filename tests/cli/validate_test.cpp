@@ -52,7 +52,7 @@ Check is_consistent() {
 }
 
 Check holds(const std::function<void(const Json& answer)>& known) {
-  return both_checks(is_consistent(), [=](const Effect& effect) {
+  return all_checks(is_consistent(), [=](const Effect& effect) {
     known(effect.with.json);
     EXPECT_GT(effect.with.json["position_error"]["train"]["rms"], effect.without.json["position_error"]["train"]["rms"])
         << "nothing is better than what is free";
