@@ -293,7 +293,7 @@ TEST_F(Compensate, WarnsOfPointsBeyondTheMeasuredJointValues) {
 TEST_F(Compensate, RefusesPosesThatDependOnWhatIsNotDetermined) {
   succeed(
       words_of("simulate --joint-ranges -90:90,-60:50,-60:60,40:40,-90:90,-180:180 --noise 1e-5 --length-sigma 0.001 "
-               "--angle-sigma 0.001 --output m.csv"));
+               "--angle-sigma 0.001 --output m.csv --force"));
   succeed(words_of("calibrate --measurements m.csv --result r.json --force --effects none --prior none"));
   const std::string head = "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n";
   write("p.csv", head + "10,20,30,40,50,60\n");

@@ -36,11 +36,6 @@ protected:
     EXPECT_EQ(outcome.status, 0) << outcome.err;
     Json frame = Json::parse(outcome.out)["frames"].back();
     frame.erase("name");
-    if (frame["quaternion_wxyz"][0] < 0) {
-      for (Json& value : frame["quaternion_wxyz"]) {
-        value = -value.get<double>();
-      }
-    }
     return frame;
   }
 };

@@ -297,11 +297,12 @@ TEST_F(Faults, AFileSystemWithoutFlagsOfRenamingIsRenamedOnPlainly) {
 // Work that takes long by a clock that runs fast.
 class ProgressBar : public Faults {
 protected:
-  static Surroundings hurried() {
+  static Surroundings by_clock(const std::string& rate) {
     Surroundings surroundings = with_library();
-    surroundings.environment.emplace_back("CLOCK_RATE", "100000");
+    surroundings.environment.emplace_back("CLOCK_RATE", rate);
     return surroundings;
   }
+  static Surroundings hurried() { return by_clock("100000"); }
 
   std::vector<std::string> calibrate_long() {
     write("two.urdf", kTwoJoints);
@@ -400,9 +401,7 @@ TEST_F(ProgressBar, StandsBesideDoubtsThatATerminalShowsOnce) {
 }
 
 TEST_F(ProgressBar, DoesNotShowForWorkOfLessThanASecond) {
-  Surroundings stopped = with_library();
-  stopped.environment.emplace_back("CLOCK_RATE", "0");
-  EXPECT_THAT(seen_on_a_terminal(calibrate_long(), stopped), Not(HasSubstr("leave-one-out [")));
+  EXPECT_THAT(seen_on_a_terminal(calibrate_long(), by_clock("0")), Not(HasSubstr("leave-one-out [")));
 }
 
 }  // namespace

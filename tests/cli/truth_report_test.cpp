@@ -24,7 +24,7 @@ using Json = nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-class TwoStep : public CommandLine {};
+using TwoStep = CommandLine;
 
 TEST_F(TwoStep, TooFewRoundsAreNotToBeTrusted) {
   const Outcome outcome = run({"simulate", "--joint-ranges", "published", "--two-step", "5"});
@@ -84,18 +84,15 @@ TEST_F(Truth, StatesTheDistancesOfPointsThatKdlGives) {
   const Estimate truth = estimate_in(model, json_of("truth.json"));
   const KDL::Chain found_chain = error_chain(model, result.errors);
   const KDL::Chain true_chain = error_chain(model, truth.errors);
-  double sum = 0.0;
-  double largest = 0.0;
-  for (const auto& column : q.colwise()) {
-    for (std::size_t t = 0; t < 3; ++t) {
-      const double distance =
-          (kdl_point(found_chain, result, column, t) - kdl_point(true_chain, truth, column, t)).norm();
-      sum += distance * distance;
-      largest = std::max(largest, distance);
+  Eigen::MatrixXd distances(3, 1000);
+  for (Eigen::Index c = 0; c < 1000; ++c) {
+    for (Eigen::Index t = 0; t < 3; ++t) {
+      distances(t, c) =
+          (kdl_point(found_chain, result, q.col(c), t) - kdl_point(true_chain, truth, q.col(c), t)).norm();
     }
   }
-  EXPECT_NEAR(found["position_error"]["all"]["rms"], std::sqrt(sum / 3000.0), 1e-12);
-  EXPECT_NEAR(found["position_error"]["all"]["max"], largest, 1e-12);
+  EXPECT_NEAR(found["position_error"]["all"]["rms"], distances.norm() / std::sqrt(3000.0), 1e-12);
+  EXPECT_NEAR(found["position_error"]["all"]["max"], distances.maxCoeff(), 1e-12);
   for (const Json& parameter : found["parameters"]) {  // the irreducible truth differs in base and targets alone
     EXPECT_NEAR(parameter["true_in_gauge"], parameter["gauge"] ? parameter["estimated"] : parameter["true"], 1e-10)
         << parameter;
@@ -151,7 +148,7 @@ TEST_F(Truth, RefusesWhatDoesNotBelongTogether) {
   expect_refused({"validate", "--result", "result.json", "--truth", "other.json"}, {"other.json", "nominal 0.5"});
 }
 
-class Matrices : public CommandLine {};
+using Matrices = CommandLine;
 
 TEST_F(Matrices, AreWrittenForEveryConfigurationOfAFile) {
   succeed({"simulate", "--configurations", "7", "--targets", "2", "--output", "m.csv"});
@@ -202,12 +199,12 @@ TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
     const Unknowns free = Unknowns(model, estimate.targets, reduced_model(model, estimate.targets).kept);
     for (const auto& [key, matrix] : {std::pair{"jacobian", identification_jacobian(model, estimate, free, q)},
                                       std::pair{"A", base_and_tool_matrix(model, estimate, q)}}) {
-      ASSERT_EQ(found[key].size(), static_cast<std::size_t>(matrix.rows()));
+      const std::vector<std::vector<double>> rows = found[key];
+      ASSERT_EQ(rows.size(), static_cast<std::size_t>(matrix.rows())) << key;
       for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
-        const std::vector<double> row = found[key][static_cast<std::size_t>(r)];
-        ASSERT_EQ(row.size(), static_cast<std::size_t>(matrix.cols()));
-        EXPECT_LT((Eigen::Map<const Eigen::RowVectorXd>(row.data(), matrix.cols()) - matrix.row(r)).norm(), 1e-12)
-            << key << " row " << r;
+        const std::vector<double>& row = rows[static_cast<std::size_t>(r)];
+        ASSERT_EQ(row.size(), static_cast<std::size_t>(matrix.cols())) << key;
+        EXPECT_LT((Eigen::Map<const Eigen::RowVectorXd>(row.data(), matrix.cols()) - matrix.row(r)).norm(), 1e-12);
       }
     }
   };
@@ -232,8 +229,8 @@ TEST_F(Matrices, RefuseBadUsage) {
                  {"m.csv", "exists"});
 }
 
-class History : public CommandLine {};
-class MimicCommands : public CommandLine {};
+using History = CommandLine;
+using MimicCommands = CommandLine;
 
 TEST_F(History, OfTheMisfitStandsInTheResultOfBothEstimators) {
   succeed({"simulate", "--joint-ranges", "published", "--noise", "0.00003", "--output", "m.csv"});
