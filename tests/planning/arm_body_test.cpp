@@ -92,6 +92,10 @@ TEST(ArmBody, PutsLinkFramesWhereKdlDoes) {
   }
 }
 
+std::string collision(const std::string& shape, const std::string& origin = "") {
+  return "<collision>" + origin + "<geometry>" + shape + "</geometry></collision>";
+}
+
 Robot with_shapes(const std::string& shapes) {
   return parse_robot("<robot name='r'><link name='a'>" + shapes +
                      "</link><link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/>"
@@ -134,20 +138,16 @@ TEST(ArmBody, CapsulesTouchTheShapesThatTheyEnclose) {
     SCOPED_TRACE(trial);
     const Vector3d xyz = random_point(random);
     const Vector3d rpy = random_point(random, 1.5);
-    Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
-    X.linear() = (Eigen::AngleAxisd(rpy.z(), Vector3d::UnitZ()) * Eigen::AngleAxisd(rpy.y(), Vector3d::UnitY()) *
-                  Eigen::AngleAxisd(rpy.x(), Vector3d::UnitX()))
-                     .toRotationMatrix();
-    X.translation() = xyz;
+    const Eigen::Isometry3d X =
+        to_eigen(KDL::Frame(KDL::Rotation::RPY(rpy.x(), rpy.y(), rpy.z()), KDL::Vector(xyz.x(), xyz.y(), xyz.z())));
     const Vector3d half{random.uniform(0.05, 1.0), random.uniform(0.05, 1.0), random.uniform(0.05, 1.0)};
     const double radius = random.uniform(0.05, 0.5);
     const double length = random.uniform(0.05, 2.0);
     const std::string origin = "<origin xyz='" + numbers(xyz) + "' rpy='" + numbers(rpy) + "'/>";
-    const ArmBody body = body_from_urdf(
-        with_shapes("<collision>" + origin + "<geometry><box size='" + numbers(2.0 * half) +
-                    "'/></geometry></collision>" + "<collision>" + origin + "<geometry><cylinder radius='" +
-                    shortest(radius) + "' length='" + shortest(length) + "'/></geometry></collision>" + "<collision>" +
-                    origin + "<geometry><sphere radius='0.375'/></geometry></collision>"));
+    const ArmBody body = body_from_urdf(with_shapes(
+        collision("<box size='" + numbers(2.0 * half) + "'/>", origin) +
+        collision("<cylinder radius='" + shortest(radius) + "' length='" + shortest(length) + "'/>", origin) +
+        collision("<sphere radius='0.375'/>", origin)));
     ASSERT_EQ(body.capsules.size(), 3U);
     std::vector<Vector3d> corners;
     for (int corner = 0; corner < 8; ++corner) {
@@ -200,10 +200,8 @@ TEST(ArmBody, TheToolReachesFromTheFlangeToEachTarget) {
 }
 
 TEST(ArmBody, ALinkWithAMeshBesideItsOtherShapesIsNamedToo) {
-  const Robot robot = with_shapes(
-      "<collision><geometry><sphere radius='0.25'/></geometry></collision>"
-      "<collision><geometry><mesh filename='package://no/such.stl'/></geometry></collision>");
-  const ArmBody body = body_from_urdf(robot);
+  const ArmBody body = body_from_urdf(
+      with_shapes(collision("<sphere radius='0.25'/>") + collision("<mesh filename='package://no/such.stl'/>")));
   ASSERT_EQ(body.capsules.size(), 1U);
   EXPECT_EQ(body.capsules[0].link, "a");
   EXPECT_EQ(body.capsules[0].frame, 0U);

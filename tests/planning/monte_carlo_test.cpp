@@ -107,16 +107,11 @@ TEST(MonteCarlo, StatisticsAreThoseOfTheErrorsOfAllRuns) {
   const MonteCarloResult result = run_monte_carlo(f.runs(3));
   ASSERT_EQ(result.all_errors.size(), 3U * 60U * 3U);
   EXPECT_TRUE(std::is_sorted(result.all_errors.begin(), result.all_errors.end()));
-  double squares = 0.0;
-  double sum = 0.0;
-  for (const double error : result.all_errors) {
-    squares += error * error;
-    sum += error;
-  }
-  EXPECT_NEAR(result.all.rms, std::sqrt(squares / 540.0), 1e-15);
-  EXPECT_NEAR(result.rms.squaredNorm() * 3.0, squares, 1e-12 * squares) << "of each point, over the runs";
+  const Eigen::Map<const Eigen::VectorXd> errors(result.all_errors.data(), 540);
+  EXPECT_NEAR(result.all.rms, errors.norm() / std::sqrt(540.0), 1e-15);
+  EXPECT_NEAR(result.rms.norm() * std::sqrt(3.0) / errors.norm(), 1.0, 1e-12) << "of each point, over the runs";
   ASSERT_EQ(result.mean_errors.size(), 3U);
-  EXPECT_NEAR(result.mean_errors[0] + result.mean_errors[1] + result.mean_errors[2], sum / 180.0, 1e-15);
+  EXPECT_NEAR(result.mean_errors[0] + result.mean_errors[1] + result.mean_errors[2], errors.sum() / 180.0, 1e-15);
   EXPECT_EQ(result.largest_errors.back(), result.all_errors.back());
 }
 
@@ -127,14 +122,7 @@ TEST(MonteCarlo, PredictsTheErrorsThatTheNoiseAloneMakes) {
   runs.noise.repeats = 4;
   runs.train = [&](Random& random) { return random_configurations(published_ranges(f.model.joints), 12, random); };
   runs.test = [&](Random& random) { return random_configurations(published_ranges(f.model.joints), 30, random); };
-  const auto rms = [](const std::vector<double>& errors) {
-    double squares = 0.0;
-    for (const double error : errors) {
-      squares += error * error / static_cast<double>(errors.size());
-    }
-    return std::sqrt(squares);
-  };
-  EXPECT_NEAR(rms(predicted_errors(runs)) / run_monte_carlo(runs).all.rms, 1.0, 0.15);
+  EXPECT_NEAR(error_statistics(predicted_errors(runs)).rms / run_monte_carlo(runs).all.rms, 1.0, 0.15);
   runs.runs = 2;
   EXPECT_EQ(predicted_errors(runs).size(), 60U);
   runs.train = [&](Random&) { return MatrixXd(f.train.leftCols(3)); };  // which determine nothing

@@ -321,29 +321,24 @@ TEST(PoseSelection, FindsTheSmallestNumberForAnAccuracy) {
 
 TEST(PoseSelection, SaysWhyItCannotChoose) {
   const Fixture f(40, 1);
+  const auto refused = [&](const MatrixXd& all, const MatrixXd& given, const SelectionOptions& options) {
+    return testing::refusal([&] { select_configurations(f.experiment, {all, given}, options); });
+  };
   for (const SelectionOptions& none : {SelectionOptions{.count = 0}, SelectionOptions{.count = 5, .starts = 0},
                                        SelectionOptions{.count = 5, .depth = 0}}) {
-    EXPECT_EQ(testing::refusal([&] {
-                select_configurations(f.experiment, {f.all, f.none}, none);
-              }),
-              "the numbers of configurations, starts and the depth must be positive");
+    EXPECT_EQ(refused(f.all, f.none, none), "the numbers of configurations, starts and the depth must be positive");
   }
   // Of 33 parameters 15 are known: nine coordinates of a configuration do not tell the others.
   MatrixXd known = f.none;
   known.diagonal().head(15).setConstant(1e8);
   EXPECT_THAT(
-      testing::refusal([&] {
-        select_configurations(f.experiment, {f.all, known}, {.count = 1});
-      }),
+      refused(f.all, known, {.count = 1}),
       ::testing::HasSubstr("1 configurations of 3 targets cannot determine 33 parameters, expected at least 2"));
-  const auto message = [&](const MatrixXd& all, int count) {
-    return testing::refusal([&] { select_configurations(f.experiment, {all, f.none}, {.count = count}); });
-  };
-  EXPECT_THAT(message(f.all, 3), ::testing::HasSubstr("expected at least 4 configurations"));
-  EXPECT_THAT(message(f.all, 41), ::testing::HasSubstr("40 candidates"));
+  EXPECT_THAT(refused(f.all, f.none, {.count = 3}), ::testing::HasSubstr("expected at least 4 configurations"));
+  EXPECT_THAT(refused(f.all, f.none, {.count = 41}), ::testing::HasSubstr("40 candidates"));
   MatrixXd stiff = f.all;
   stiff.row(4).setConstant(0.3);
-  EXPECT_THAT(message(stiff, 30), ::testing::HasSubstr("cannot tell apart"));
+  EXPECT_THAT(refused(stiff, f.none, {.count = 30}), ::testing::HasSubstr("cannot tell apart"));
   // Priors make up for it.
   Experiment with_priors = f.experiment;
   with_priors.priors = {.length = 1e-3, .angle = 1e-3};

@@ -66,8 +66,7 @@ TEST_F(TruthComparison, AnExactEstimateInAnotherGaugeDiffersInNothing) {
 }
 
 TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
-  const auto index = static_cast<Eigen::Index>(parameter_index(model, "Tz2"));
-  estimate.errors[index] += 2e-4;
+  estimate.errors += testing::errors_of(model, {{"Tz2", 2e-4}});
   estimate.X_WB = estimate.X_WB * Eigen::Translation3d(0.0, 3e-4, 0.0);
   const MatrixXd q = configurations(100);
   const auto found = compare_with_truth(model, estimate, truth, q);
@@ -98,10 +97,7 @@ TEST_F(TruthComparison, TheLargestDifferencesAreOfParametersBaseAndTargets) {
     change(changed);
     return compare_with_truth(model, changed, truth, q);
   };
-  const auto error = [&](const char* name) -> Eigen::Index {
-    return static_cast<Eigen::Index>(parameter_index(model, name));
-  };
-  const auto angle = with([&](Estimate& e) { e.errors[error("dq3")] -= 5e-4; });
+  const auto angle = with([&](Estimate& e) { e.errors += testing::errors_of(model, {{"dq3", -5e-4}}); });
   EXPECT_NEAR(angle.largest_angle, 5e-4, 1e-9);
   EXPECT_LT(angle.largest_length, 1e-9);
   const auto turned = with([](Estimate& e) { e.X_WB.rotate(Eigen::AngleAxisd(6e-4, -Eigen::Vector3d::UnitY())); });

@@ -15,15 +15,15 @@ protected:
   TwoStepTrialResult run(std::uint64_t seed, int rounds, bool recorded = false, double noise = 0.0) {
     testing::VirtualExperiment experiment({.model = model, .sizes = {}, .random = Random(seed)});
     TwoStepTrial trial{.robot = experiment.robot,
-                       .configurations = [&](Random& r) { return random_configurations(ranges, 30, r); },
+                       .configurations =
+                           [this](Random& r) {
+                             ++drawn;
+                             return random_configurations(ranges, 30, r);
+                           },
                        .noise = {.sigma = noise},
                        .rounds = rounds,
                        .recorded = recorded,
                        .progress = progress};
-    trial.configurations = [this, configurations = trial.configurations](Random& r) {
-      ++drawn;
-      return configurations(r);
-    };
     Random elsewhere(seed, 1);
     trial.held_out = random_configurations(ranges, 60, elsewhere);
     drawn = 0;
