@@ -61,6 +61,10 @@ Calibration bent(double size) {
 
 using Numbers = std::array<double, 6>;
 
+// A pose, and joint values that bring a point 55 mm in front of the faceplate there.
+constexpr Numbers kPose = {1500, 0, 360, 135, -45, 0};
+constexpr Numbers kAtPose = {7.962, -5.284, -36.250, 77.661, -51.975, -79.273};
+
 std::string cartesian(int number, const std::string& frames, const std::string& configuration, const Numbers& n) {
   return fmt::format(
       "P[{}]{{\n   GP1:\n\t{},\t\tCONFIG : '{}',\n\tX ={:10.3f}  mm,\tY ={:10.3f}  mm,\tZ ={:10.3f}  mm,\n"
@@ -173,22 +177,21 @@ TEST(WristArm, RefusesAnArmOfAnotherBuild) {
 // Joint values and pose of an R-2000iB/165F, which has the same links, with both wrists: J. Strybis, "The Perils of
 // Six-Axis Robots", 2013. The pose is that of a point 55 mm in front of the faceplate.
 TEST(FanucController, HasThePublishedPosesOfJointValues) {
-  const Isometry3d X_BF = flange_of({1500, 0, 360, 135, -45, 0}) * Eigen::Translation3d(0.0, -0.055, 0.0);
-  const Numbers no_flip = {7.962, -5.284, -36.250, 77.661, -51.975, -79.273};
+  const Isometry3d X_BF = flange_of(kPose) * Eigen::Translation3d(0.0, -0.055, 0.0);
   const Numbers flip = {7.962, -5.284, -36.250, -102.339, 51.975, 100.727};
-  for (const Numbers& j : {no_flip, flip}) {
+  for (const Numbers& j : {kAtPose, flip}) {
     EXPECT_LT(distance(by_kdl(fanuc().chain, urdf_joints(j)), X_BF), 4e-5);
   }
   const WristArm arm(fanuc(), SixJoints::Zero());
-  EXPECT_EQ(arm.posture(urdf_joints(no_flip)), ArmPosture());
+  EXPECT_EQ(arm.posture(urdf_joints(kAtPose)), ArmPosture());
   EXPECT_EQ(arm.posture(urdf_joints(flip)), ArmPosture());
   // The pose with its CONFIG stands for these joint values: both are compensated alike.
   NumberedFrames frames;
   frames.tool[1] = Eigen::Translation3d(0.0, 0.0, 0.055) * Isometry3d::Identity();
   const Calibration found = bent(1e-4);
-  for (const auto& [configuration, j] : {std::pair{"N U T, 0, 0, 0", no_flip}, std::pair{"F U T, 0, 0, 0", flip}}) {
+  for (const auto& [configuration, j] : {std::pair{"N U T, 0, 0, 0", kAtPose}, std::pair{"F U T, 0, 0, 0", flip}}) {
     const CompensatedProgram of_pose =
-        compensated(found, program(cartesian(1, "UF : 0, UT : 1", configuration, {1500, 0, 360, 135, -45, 0})), frames);
+        compensated(found, program(cartesian(1, "UF : 0, UT : 1", configuration, kPose)), frames);
     const CompensatedProgram of_joints = compensated(found, program(joints(1, j)));
     EXPECT_LT((of_pose.positions.front().change - of_joints.positions.front().change).norm(), 1e-7);
   }
@@ -233,7 +236,7 @@ TEST(FanucController, ReadsFramesOfABackup) {
 // ---- Programs ------------------------------------------------------------------------------------------------------
 
 TEST(LsProgram, ComesBackByteForByteWithoutErrors) {
-  const std::string pose = cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1500, 0, 360, 135, -45, 0});
+  const std::string pose = cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose);
   const std::string bent_arm = joints(2, {10.5, -20.25, 5, 170, -60, -190});
   std::string hand_written = pose;
   hand_written.replace(hand_written.find("     0.000"), 10, "     -.000");
@@ -258,10 +261,8 @@ TEST(LsProgram, BringsTheCalibratedArmWhereTheNominalOneWouldBe) {
   const Calibration found = bent(1e-3);
   const KDL::Chain calibrated = found.urdf_chain();
   Random random(5);
-  const std::vector<Numbers> drawn = {{7.962, -5.284, -36.250, 77.661, -51.975, -79.273},
-                                      {-150, 30, -10, 20, 70, 200},
-                                      {45, -40, 20, -190, -30, 10},
-                                      {100, 60, -60, 5, 95, -300}};
+  const std::vector<Numbers> drawn = {
+      kAtPose, {-150, 30, -10, 20, 70, 200}, {45, -40, 20, -190, -30, 10}, {100, 60, -60, 5, 95, -300}};
   std::string positions;
   std::vector<Isometry3d> asked;
   for (std::size_t i = 0; i < drawn.size(); ++i) {
@@ -284,30 +285,28 @@ TEST(LsProgram, BringsTheCalibratedArmWhereTheNominalOneWouldBe) {
 TEST(LsProgram, CommandsPosesThatTheControllerTurnsIntoTheRightOnes) {
   const Calibration found = bent(1e-3);
   const KDL::Chain calibrated = found.urdf_chain();
-  const Numbers j = {7.962, -5.284, -36.250, 77.661, -51.975, -79.273};
-  const Numbers pose = {1500, 0, 360, 135, -45, 0};
-  const CompensatedProgram result = compensated(found, program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", pose)));
+  const CompensatedProgram result =
+      compensated(found, program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose)));
   const Numbers commanded = values_of(parse_ls_program(result.text, "OUT.LS").positions.front());
   KDL::ChainIkSolverPos_LMA controller_ik(fanuc().chain, Eigen::Matrix<double, 6, 1>::Ones(), 1e-12);
   KDL::JntArray seed(6);
-  seed.data = urdf_joints(j);
+  seed.data = urdf_joints(kAtPose);
   KDL::JntArray q(6);
   ASSERT_GE(controller_ik.CartToJnt(seed, to_kdl(flange_of(commanded)), q), 0);
-  EXPECT_LT(distance(by_kdl(calibrated, q.data), flange_of(pose)), 3e-5);
-  EXPECT_GT(distance(by_kdl(calibrated, urdf_joints(j)), flange_of(pose)), 1e-3);
+  EXPECT_LT(distance(by_kdl(calibrated, q.data), flange_of(kPose)), 3e-5);
+  EXPECT_GT(distance(by_kdl(calibrated, urdf_joints(kAtPose)), flange_of(kPose)), 1e-3);
 }
 
 TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
   const Calibration found = bent(1e-3);
-  const Numbers pose = {1500, 0, 360, 135, -45, 0};
   // J4 = 77.661 and J6 = -79.273 without a turn; each also within its limits of +-360 with one.
   const auto change = [&](const std::string& configuration) {
-    const CompensatedProgram result = compensated(found, program(cartesian(1, "UF : 0, UT : 0", configuration, pose)));
+    const CompensatedProgram result = compensated(found, program(cartesian(1, "UF : 0, UT : 0", configuration, kPose)));
     return result.positions.front().change;
   };
   EXPECT_LT((change("N U T, 0, -1, 1") - change("N U T, 0, 0, 0")).norm(), 1e-9);
   // A turn of J1 is beyond its limits of +-185 degrees.
-  const std::string beyond = program(cartesian(1, "UF : 0, UT : 0", "N U T, 1, 0, 0", pose));
+  const std::string beyond = program(cartesian(1, "UF : 0, UT : 0", "N U T, 1, 0, 0", kPose));
   const CompensatedProgram result = compensated(found, beyond);
   EXPECT_EQ(result.positions.front().status, CompensationStatus::out_of_limits);
   EXPECT_EQ(result.text, beyond);
@@ -315,10 +314,7 @@ TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
 
 TEST(LsProgram, LeavesAPositionAloneThatWouldChangeItsConfiguration) {
   const ErrorModel model = complete_model(fanuc());
-  VectorXd errors = VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
-    errors[static_cast<Eigen::Index>(p)] = model.parameters[p].name == "dq5" ? 0.01 : 0.0;
-  }
+  const VectorXd errors = testing::errors_of(model, {{"dq5", 0.01}});
   // The wrist at 0.1 degrees: an offset of 0.57 degrees puts it on the other side of zero.
   const SixJoints near = (SixJoints() << 0.3, 0.2, 0.1, 0.4, 0.1 * kDegree, 0.2).finished();
   const Isometry3d pose = controller().X_BW.inverse() * by_kdl(fanuc().chain, near) * controller().X_FP;
@@ -356,8 +352,7 @@ TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
 }
 
 TEST(LsProgram, RefusesWhatItCannotCompensate) {
-  const Numbers pose = {1500, 0, 360, 135, -45, 0};
-  const std::string good = cartesian(3, "UF : 0, UT : 0", "N U T, 0, 0, 0", pose);
+  const std::string good = cartesian(3, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose);
   const auto with = [&](const std::string& old, const std::string& now) {
     std::string text = good;
     return program(text.replace(text.find(old), old.size(), now));
