@@ -50,6 +50,12 @@ std::vector<Robot> arms() { return {testing::fanuc(), skew_arm(), parse_robot(te
 
 using Origins = std::map<std::string, KDL::Frame>;
 
+/// x, y, z, roll, pitch and yaw from the second group of a match on.
+KDL::Frame origin_in(const std::smatch& match) {
+  const auto number = [&](std::size_t i) { return std::stod(match[i]); };
+  return {KDL::Rotation::RPY(number(5), number(6), number(7)), KDL::Vector(number(2), number(3), number(4))};
+}
+
 KDL::Chain chain_with(const Robot& robot, const Origins& origins) {
   return testing::chain_with(robot, [&](const KDL::Segment& segment) {
     const std::string& name = segment.getJoint().getName();
@@ -90,9 +96,7 @@ TEST(KinematicFormats, XacroYamlHasTheOriginOfEveryJoint) {
     for (std::string text; std::getline(lines, text);) {
       std::smatch m;
       ASSERT_TRUE(std::regex_match(text, m, line)) << text;
-      const auto number = [&](std::size_t i) { return std::stod(m[i]); };
-      origins[m[1]] = {KDL::Rotation::RPY(number(5), number(6), number(7)),
-                       KDL::Vector(number(2), number(3), number(4))};
+      origins[m[1]] = origin_in(m);
     }
     EXPECT_EQ(origins.size(), robot.chain.getNrOfSegments());
     expect_same(chain_with(robot, origins), calibrated);
@@ -110,9 +114,7 @@ TEST(KinematicFormats, UrYamlHasTheOriginsByTheirNames) {
                          R"(    yaw: (\S+)(?=\n))");
   Origins origins;
   for (std::sregex_iterator it(yaml.begin(), yaml.end(), block), end; it != end; ++it) {
-    const auto number = [&](std::size_t i) { return std::stod((*it)[i]); };
-    origins[joints.at((*it)[1])] = {KDL::Rotation::RPY(number(5), number(6), number(7)),
-                                    KDL::Vector(number(2), number(3), number(4))};
+    origins[joints.at((*it)[1])] = origin_in(*it);
   }
   EXPECT_EQ(origins.size(), 6U) << yaml;
   EXPECT_TRUE(yaml.starts_with("kinematics:\n  shoulder:\n")) << yaml;

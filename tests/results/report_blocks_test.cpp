@@ -17,7 +17,6 @@
 #include "measurements/drive_signals.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
-#include "robot/link_shapes.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::report_blocks_test {
@@ -88,7 +87,7 @@ TEST(ReportBlocks, TheArmIsThatOfTheUrdf) {
     }
   }
   EXPECT_THAT(links, ::testing::ElementsAre("a", "b", "bracket", "c", "d", "e", "tool"));
-  const Eigen::Isometry3d X_LS = link_shapes(robot).front().X_LS;
+  const Eigen::Isometry3d X_LS = to_eigen(KDL::Frame(KDL::Rotation::RPY(0.4, 0.5, 0.6), KDL::Vector(0.1, 0.2, 0.3)));
   const std::vector<std::tuple<int, std::string, Vector3d>> shapes = {{1, "box", Vector3d(0.1, 0.2, 0.3)},
                                                                       {3, "cylinder", Vector3d(0.05, 0.0, 0.4)},
                                                                       {7, "sphere", Vector3d(0.07, 0.0, 0.0)}};
@@ -189,25 +188,19 @@ TEST(ReportBlocks, EveryRowHasItsPointAndResiduals) {
 TEST(ReportBlocks, RegionAndRangesAreThoseOfTheFittedRows) {
   Measured m;
   const auto expect_reach = [&](bool all) {
-    Vector3d lower = Vector3d::Constant(kInfinity);
-    Vector3d upper = -lower;
-    MatrixXd ranges(5, 2);
-    ranges << VectorXd::Constant(5, kInfinity), VectorXd::Constant(5, -kInfinity);
+    Eigen::AlignedBox3d region;
     for (const Observation& o : m.measured.observations) {
       if (all || o.configuration < 9) {
-        const Vector3d p = m.robot.truth.X_WB.linear().transpose() * (o.position - m.robot.truth.X_WB.translation());
-        lower = lower.cwiseMin(p);
-        upper = upper.cwiseMax(p);
-        const VectorXd q = m.measured.joint_values.col(o.configuration);
-        ranges.col(0) = ranges.col(0).cwiseMin(q);
-        ranges.col(1) = ranges.col(1).cwiseMax(q);
+        region.extend(Vector3d(m.robot.truth.X_WB.inverse() * o.position));
       }
     }
     const Json block = m.block();
-    EXPECT_LT((vector_of(block["region"]["lower"]) - lower).norm(), 1e-12);
-    EXPECT_LT((vector_of(block["region"]["upper"]) - upper).norm(), 1e-12);
+    EXPECT_LT((vector_of(block["region"]["lower"]) - region.min()).norm(), 1e-12);
+    EXPECT_LT((vector_of(block["region"]["upper"]) - region.max()).norm(), 1e-12);
+    const MatrixXd q = m.measured.joint_values.leftCols(all ? 12 : 9);
     for (std::size_t j = 0; j < 5; ++j) {
-      EXPECT_EQ(block["ranges"][j], Json::array({ranges(static_cast<Index>(j), 0), ranges(static_cast<Index>(j), 1)}));
+      const auto values = q.row(static_cast<Index>(j));
+      EXPECT_EQ(block["ranges"][j], Json::array({values.minCoeff(), values.maxCoeff()}));
     }
   };
   expect_reach(false);

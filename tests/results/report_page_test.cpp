@@ -11,7 +11,6 @@
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "estimation/prediction.hpp"
-#include "german_locale.hpp"
 #include "json_support.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "planning/simulation.hpp"
@@ -106,16 +105,6 @@ TEST(ReportPage, LoadsNothing) {
   for (const char* loads : {" src=", "@import", "url(", "fetch(", "XMLHttpRequest", "<link", "WebSocket"}) {
     EXPECT_THAT(page, Not(HasSubstr(loads)));
   }
-}
-
-TEST(ReportPage, SameInputGivesTheSameBytesInEveryLocale) {
-  const Measured setting = measured(20);
-  const std::string result = result_of(setting);
-  const std::string page = page_of(setting, result);
-  EXPECT_EQ(page, page_of(setting, result));
-  const GermanLocaleFolder german;
-  const UnderAComma under(german);
-  EXPECT_TRUE(page == page_of(setting, result));
 }
 
 TEST(ReportPage, DistributionsHoldTheErrorsBeforeAndAfter) {

@@ -193,6 +193,7 @@ std::size_t index_of(const Json& parameters, const std::string& name) {
 }
 
 TEST(SavedCalibration, ThatWasEditedIsRefusedWithTheField) {
+  const Json doubt = {{"cause", "a"}, {"message", "b"}};
   const std::vector<std::pair<std::string, Edit>> edits = {
       {"parameters", [](Json& r) { r["parameters"].erase(index_of(r["parameters"], "dq2")); }},
       {"parameters", [](Json& r) { r["parameters"].push_back(r["parameters"][index_of(r["parameters"], "dq2")]); }},
@@ -200,21 +201,15 @@ TEST(SavedCalibration, ThatWasEditedIsRefusedWithTheField) {
       {"parameters", [](Json& r) { r["parameters"][7]["value"] = 1.0; }},
       {"effects",
        [](Json& r) {
-         r["effects"]["gravity_direction"] = {0, 0, 0};
+         r["effects"]["gravity_direction"] = Json::array({0, 0, 0});
        }},
       {"covariance", [](Json& r) { r["covariance"]["matrix"][3][3] = -1e-9; }},
       {"covariance", [](Json& r) { r.erase("covariance"); }},
       {"base", [](Json& r) { r["base"]["position"][0] = 2.0; }},
       {"targets", [](Json& r) { std::swap(r["targets"][0], r["targets"][1]); }},
       {"trusted", [](Json& r) { r["trusted"] = !r["trusted"]; }},
-      {"doubts",
-       [](Json& r) {
-         r["doubts"].push_back({{"cause", "a"}, {"message", "b"}});
-       }},
-      {"reservation",
-       [](Json& r) {
-         r["reservation"] = {{"cause", "a"}, {"message", "b"}};
-       }},
+      {"doubts", [&](Json& r) { r["doubts"].push_back(doubt); }},
+      {"reservation", [&](Json& r) { r["reservation"] = doubt; }},
       {"input", [](Json& r) { r["input"].erase("sha256"); }},
       {"noise", [](Json& r) { r["noise"]["sigma"] = 1e-9; }},
       {"software", [](Json& r) { r["software"]["version"] = "0.0.1"; }},
@@ -279,14 +274,14 @@ TEST(SavedCalibration, WithoutHashesAgreesWithItself) {
   EXPECT_EQ(turned(-6.2), kTaken);
   EXPECT_THAT(turned(-100.0), HasSubstr("]: error: expected an angle of at most a turn, in radians"));
   EXPECT_EQ(faults([](Json& r) {
-              r["effects"]["gravity_direction"] = {0, 0, 0};
+              r["effects"]["gravity_direction"] = Json::array({0, 0, 0});
             }),
             "r.json: effects: gravity_direction: expected a direction of norm 1");
   EXPECT_EQ(faults([](Json& r) { r["covariance"]["matrix"][3][3] = -1e-9; }),
             "r.json: covariance: matrix[3][3]: expected a variance, 0 or more");
   EXPECT_EQ(faults([](Json& r) {
               r["trusted"] = true;
-              r["doubts"] = {{{"cause", "drift"}, {"message", "b"}}};
+              r["doubts"] = Json::array({Json{{"cause", "drift"}, {"message", "b"}}});
             }),
             "r.json: trusted: expected false, as there are doubts");
 }
