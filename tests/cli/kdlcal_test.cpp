@@ -254,17 +254,12 @@ TEST_F(CommandLineOnRealData, CalibratesTheR2000) {
       run({"calibrate", "--measurements", measurements, "--joint-convention", kSerial, "--noise", "equal", "--effects",
            "none", "--prior", "none", "--leave-one-out", "--output", "c.urdf", "--result", "r.json"});
   ASSERT_EQ(outcome.status, 0) << outcome.err;
+  // Its other figures: see CalibrationOnRealData.
   const Json result = json_of("r.json");
-  EXPECT_EQ(result["rank"], 33);
   const Json& train = result["position_error"]["train"];
-  EXPECT_EQ(train["after"]["count"], 720);
   EXPECT_NEAR(train["after"]["rms"], 0.161e-3, 0.001e-3);
-  EXPECT_NEAR(train["after"]["max"], 0.327e-3, 0.001e-3);
   EXPECT_NEAR(train["before"]["rms"], 0.62e-3, 0.002e-3);
-  EXPECT_LE(result["position_error"]["leave_one_out"]["after"]["rms"], 0.235e-3);
   EXPECT_GT(result["position_error"]["leave_one_out"]["after"]["rms"], 0.2e-3);
-  EXPECT_NEAR(result["position_error"]["leave_one_out"]["before"]["rms"], 0.72e-3, 0.01e-3);
-
   const Json valid = run_json(
       {"validate", "--urdf", "c.urdf", "--measurements", measurements, "--joint-convention", kSerial, "--json"});
   EXPECT_NEAR(valid["position_error"]["all"]["rms"], train["after"]["rms"], 1e-9);
