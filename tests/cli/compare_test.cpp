@@ -60,7 +60,12 @@ TEST_F(Compare, SaysWhatTheLibraryFinds) {
   EXPECT_EQ(json["changed"], true);
   EXPECT_EQ(json["flange"]["sigma"], expected.flange_sigma);
   EXPECT_EQ(json["parameters"].size(), expected.parameters.size());
-  EXPECT_EQ(json["parameters"][0]["change"], expected.parameters[0].change);
+  for (std::size_t i = 0; i < expected.parameters.size(); ++i) {
+    const Json& parameter = json["parameters"][i];
+    EXPECT_EQ(parameter["change"], expected.parameters[i].change);
+    EXPECT_EQ(parameter["explained"], expected.parameters[i].explained);
+    EXPECT_EQ(parameter["unit"], parameter["name"].get<std::string>().starts_with("T") ? "m" : "rad");
+  }
   const Outcome written = run({"compare", "a.json", "b.json", "--report", "c.html", "--json"});
   const Json page = data_of_page(text_of("c.html"));
   EXPECT_EQ(page["kind"], "comparison");

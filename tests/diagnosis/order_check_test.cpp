@@ -88,6 +88,17 @@ TEST(OrderCheck, AccusesNothingThatStoodStill) {
   }
 }
 
+// Sag of the shoulder follows the order of the visits here.
+TEST(OrderCheck, AccusesNoArmThatSagsAlongTheOrder) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Measured m = measured(large_arm(), seed, {.configurations = 24, .effect = 0.002});
+    for (const Observation& o : m.data.observations) {
+      m.data.order.push_back(std::lround(1e6 * m.data.joint_values(1, o.configuration)));
+    }
+    EXPECT_FALSE(check_order(m.model, m.data, fit_of(m), m.free)) << seed;
+  }
+}
+
 // The rows of a visit need not stand together, and visits not in their order.
 TEST(OrderCheck, TakesVisitsInTheOrderThatIsStatedElseInThatOfTheirFirstRows) {
   Measured m = measured(large_arm(), 1, {.configurations = 24});

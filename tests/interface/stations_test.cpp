@@ -134,15 +134,21 @@ TEST(LengthsBetweenTwoTargets, AreRefusedWhereTheyAreTooFew) {
               HasSubstr("too few measurements: 114 measured coordinates for"));
 }
 
+// The last station has one configuration, each other one ten.
 TEST(Stations, OfOneConfigurationAreNotLeftOut) {
-  Tracker experiment(7);
-  const Measurements few = subset(experiment.measured(30, 3e-5),
-                                  [](const Observation& o) { return o.station < 2 || o.configuration == 29; });
-  CalibrationOptions options = geometry_alone();
-  options.validation.held_out = true;
-  const Calibration found = calibrate(bundled_robot(), few, options);
-  EXPECT_EQ(found.accuracy().leave_one_out->after.count, 3 * 20);
-  EXPECT_THAT(found.warnings(), Contains(HasSubstr("station 'S3' has configuration 30 alone")));
+  for (const int stations : {2, 3}) {
+    testing::VirtualExperiment experiment({.random = Random(7)});
+    experiment.robot = at_stations(experiment.robot, stations, experiment.random);
+    const int last = 10 * stations - 1;
+    const Measurements few =
+        subset(testing::without_sigmas(experiment.measure(10 * stations, {.sigma = 3e-5})),
+               [&](const Observation& o) { return o.station < stations - 1 || o.configuration == last; });
+    CalibrationOptions options = geometry_alone();
+    options.validation.held_out = true;
+    const Calibration found = calibrate(bundled_robot(), few, options);
+    EXPECT_EQ(found.accuracy().leave_one_out->after.count, static_cast<std::size_t>(3 * (last - 9)));
+    EXPECT_THAT(found.warnings(), Contains(HasSubstr("has configuration " + std::to_string(last + 1) + " alone")));
+  }
 }
 
 // Eleven points are 33 coordinates, as many as the unknowns.

@@ -297,6 +297,18 @@ TEST(LsProgram, CommandsPosesThatTheControllerTurnsIntoTheRightOnes) {
   EXPECT_GT(distance(by_kdl(calibrated, urdf_joints(kAtPose)), flange_of(kPose)), 1e-3);
 }
 
+TEST(LsProgram, WritesAnglesOfAPoseWithinHalfATurn) {
+  const CompensatedProgram result = compensated(
+      bent(1e-3), program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1500, 0, 360, 179.999, -45, 0}) +
+                          cartesian(2, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1500, 0, 360, -179.999, -45, 0})));
+  for (const CompensatedPosition& position : result.positions) {
+    EXPECT_TRUE(position.written) << position.number;
+  }
+  const std::vector<ProgramPosition> commanded = parse_ls_program(result.text, "OUT.LS").positions;
+  EXPECT_LE(std::abs(values_of(commanded[0])[3]), 180.0);
+  EXPECT_NEAR(values_of(commanded[0])[3], values_of(commanded[1])[3], 0.01);
+}
+
 TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
   const Calibration found = bent(1e-3);
   // J4 = 77.661 and J6 = -79.273 without a turn; each also within its limits of +-360 with one.

@@ -127,6 +127,19 @@ TEST(SavedCalibration, KeepsDoubtsAndWhatIsNotDetermined) {
   EXPECT_TRUE(std::isfinite(read.covariance(4, 4)));
 }
 
+TEST(SavedCalibration, KeepsTheNoiseOfATracker) {
+  CalibrationResult result = written().calibration;
+  result.noise.independent.setZero();
+  result.noise.tracker = TrackerNoise{1e-5, 2e-6, 3e-5, 4e-6};
+  const SavedCalibration read =
+      parse_calibration(result_json(written().robot, written().measured, written().options, result), written().robot);
+  ASSERT_TRUE(read.noise.model.tracker);
+  EXPECT_EQ(read.noise.model.tracker->range, 1e-5);
+  EXPECT_EQ(read.noise.model.tracker->range_per_metre, 2e-6);
+  EXPECT_EQ(read.noise.model.tracker->transverse, 3e-5);
+  EXPECT_EQ(read.noise.model.tracker->transverse_per_metre, 4e-6);
+}
+
 // The errors would be applied twice.
 TEST(SavedCalibration, OfAnotherUrdfIsRefused) {
   const Robot corrected = parse_robot(calibrated_urdf(written().robot, written().calibration), {}, "calibrated.urdf");

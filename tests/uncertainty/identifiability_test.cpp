@@ -95,6 +95,7 @@ TEST(Identifiability, CountsSingularValuesAboveATolerance) {
   EXPECT_THAT(below.tied[0], ElementsAre("a", "b"));
   EXPECT_TRUE(below.weak.empty()) << "what is not there is not weak";
   EXPECT_EQ(found(1e-3, {.tolerance = 1.2e-3}).rank, 2);
+  EXPECT_EQ(found(1e-3, {.tolerance = 1.2e-3}).tied, below.tied);
   EXPECT_EQ(found(1e-3, {.tolerance = 0.8e-3}).rank, 3);
 }
 
