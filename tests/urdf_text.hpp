@@ -50,4 +50,19 @@ inline std::string serial(const std::vector<Part>& joints) {
   return robot_of(text);
 }
 
+/// A joint's origin and axis, and its type where it is not that of the others.
+struct JointAt {
+  std::string xyz, rpy = "0 0 0", axis = "0 0 1", type = "";
+};
+
+/// The same, of joints with these limits that are of this type unless they state another.
+inline std::string serial_of(const std::vector<JointAt>& joints, const std::string& type, const std::string& range) {
+  std::vector<Part> parts;
+  for (const JointAt& j : joints) {
+    parts.push_back({j.type.empty() ? type : j.type,
+                     "<origin xyz='" + j.xyz + "' rpy='" + j.rpy + "'/><axis xyz='" + j.axis + "'/>" + limit(range)});
+  }
+  return serial(parts);
+}
+
 }  // namespace kdl_calibration::testing::urdf

@@ -13,6 +13,7 @@
 #include "planning/simulation.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "two_step/identification_jacobian.hpp"
+#include "urdf_text.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::reduction_test {
@@ -75,11 +76,11 @@ TEST(Reduction, AJointThatMovesNoTargetIsGauge) {
 
 TEST(Reduction, NamesWhatReplacesADroppedParameter) {
   const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
-  std::map<std::string, std::map<std::string, double>> dropped;
+  using Combination = std::map<std::string, double>;
+  std::map<std::string, Combination> dropped;
   for (const DroppedParameter& parameter : reduction.dropped) {
     dropped[parameter.name] = parameter.replaced_by;
   }
-  using Combination = std::map<std::string, double>;
   EXPECT_EQ(dropped.at("Rx1"), (Combination{{"dq2", 1.0}}));
   EXPECT_EQ(dropped.at("Ry3"), (Combination{{"dq4", 1.0}}));
   EXPECT_EQ(dropped.at("Ry5"), (Combination{{"dq6", 1.0}}));
@@ -194,79 +195,52 @@ TEST(Reduction, TargetsTenNanometresBesideALineAreOnTheLine) {
   }
 }
 
-TEST(Reduction, RankOfAGeneralChainIsWhatTheorySays) {
-  const ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  // 4 per revolute and 2 per prismatic joint, 6 for the frames at both ends, 3 for the triangle of the targets.
-  EXPECT_EQ(reduced_model(model, generic_targets(3)).rank, 4 * 4 + 2 + 6 + 3);
+// Six for the frames at both ends, which a measured pose has as well.
+TEST(Reduction, AMeasuredPoseHasNoTriangleOfTargets) {
   TargetFrame pose{.name = "P", .with_orientation = true};
-  EXPECT_EQ(reduced_model(model, {pose}).rank, 4 * 4 + 2 + 6);
+  EXPECT_EQ(reduced_model(complete_model(parse_robot(testing::kOddArm)), {pose}).rank, 4 * 4 + 2 + 6);
 }
+
 // ---- whole calibrations of other arms ------------------------------------------------------------------------------
-
-struct JointText {
-  std::string name;
-  std::string type;
-  std::string parent;
-  std::string child;
-  std::string xyz;
-  std::string rpy;
-  std::string axis;
-};
-
-std::string text_of(const JointText& joint) {
-  const std::string limit = joint.type == "fixed" ? "" : R"(<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>)";
-  return "<joint name=\"" + joint.name + "\" type=\"" + joint.type + "\"><parent link=\"" + joint.parent +
-         "\"/><child link=\"" + joint.child + "\"/><origin xyz=\"" + joint.xyz + "\" rpy=\"" + joint.rpy +
-         "\"/><axis xyz=\"" + joint.axis + "\"/>" + limit + "</joint>";
-}
-
-std::string robot_of(const std::vector<std::string>& links, const std::vector<JointText>& joints) {
-  std::string text = "<robot name=\"arm\">";
-  for (const std::string& link : links) {
-    text += "<link name=\"" + link + "\"/>";
-  }
-  for (const JointText& joint : joints) {
-    text += text_of(joint);
-  }
-  return text + "</robot>";
-}
 
 const std::string kRight = "1.5707963267948966";
 
+std::string arm_of(const std::vector<testing::urdf::JointAt>& joints) {
+  return testing::urdf::serial_of(joints, "revolute", "-1.5:1.5");
+}
+
 /// Seven revolute joints with the rotated frames of Denavit and Hartenberg.
 std::string seven_joint_arm() {
-  const std::string m = "-" + kRight;
-  return robot_of({"base", "l1", "l2", "l3", "l4", "l5", "l6", "l7", "tool"},
-                  {{"a1", "revolute", "base", "l1", "0 0 0.34", "0 0 0", "0 0 1"},
-                   {"a2", "revolute", "l1", "l2", "0 0 0", m + " 0 0", "0 0 1"},
-                   {"a3", "revolute", "l2", "l3", "0 -0.4 0", kRight + " 0 0", "0 0 1"},
-                   {"a4", "revolute", "l3", "l4", "0.05 0 0", kRight + " 0 0", "0 0 1"},
-                   {"a5", "revolute", "l4", "l5", "-0.05 0.4 0", m + " 0 0", "0 0 1"},
-                   {"a6", "revolute", "l5", "l6", "0 0 0", m + " 0 0", "0 0 1"},
-                   {"a7", "revolute", "l6", "l7", "0 -0.13 0", kRight + " 0 0", "0 0 1"},
-                   {"mount", "fixed", "l7", "tool", "0 0 0.1", "0.1 0.2 0.3", "1 0 0"}});
+  const std::string up = kRight + " 0 0";
+  const std::string down = "-" + kRight + " 0 0";
+  return arm_of({{"0 0 0.34"},
+                 {"0 0 0", down},
+                 {"0 -0.4 0", up},
+                 {"0.05 0 0", up},
+                 {"-0.05 0.4 0", down},
+                 {"0 0 0", down},
+                 {"0 -0.13 0", up},
+                 {"0 0 0.1", "0.1 0.2 0.3", "1 0 0", "fixed"}});
 }
 
 /// Three revolute joints and a wrist on a linear axis that is askew.
 std::string arm_on_a_linear_axis() {
-  return robot_of({"floor", "cart", "plate", "l1", "l2", "l3", "l4", "l5", "tool"},
-                  {{"rail", "prismatic", "floor", "cart", "0.2 0.1 0.3", "0 0 0.4", "1 0 0"},
-                   {"bolt", "fixed", "cart", "plate", "0 0.1 0.2", "0.2 0 0", "1 0 0"},
-                   {"j1", "revolute", "plate", "l1", "0 0 0.4", "0 0 0", "0 0 1"},
-                   {"j2", "revolute", "l1", "l2", "0.2 0 0.3", kRight + " 0 0", "0 0 1"},
-                   {"j3", "revolute", "l2", "l3", "0.6 0 0", "0 0 0.5", "0 0 1"},
-                   {"j4", "revolute", "l3", "l4", "0.1 -0.1 0", kRight + " 0 0", "0 0 1"},
-                   {"j5", "revolute", "l4", "l5", "0 0 0.5", "-" + kRight + " 0 0", "0 0 1"},
-                   {"mount", "fixed", "l5", "tool", "0 0.1 0", "0 0 0", "1 0 0"}});
+  return arm_of({{"0.2 0.1 0.3", "0 0 0.4", "1 0 0", "prismatic"},
+                 {"0 0.1 0.2", "0.2 0 0", "1 0 0", "fixed"},
+                 {"0 0 0.4"},
+                 {"0.2 0 0.3", kRight + " 0 0"},
+                 {"0.6 0 0", "0 0 0.5"},
+                 {"0.1 -0.1 0", kRight + " 0 0"},
+                 {"0 0 0.5", "-" + kRight + " 0 0"},
+                 {"0 0.1 0", "0 0 0", "1 0 0", "fixed"}});
 }
 
 /// Two parallel revolute joints, a vertical slide and a turning flange.
 std::string scara() {
-  return robot_of({"base", "upper", "fore", "slide", "flange"},
-                  {{"shoulder", "revolute", "base", "upper", "0 0 0.4", "0 0 0.3", "0 0 1"},
-                   {"elbow", "revolute", "upper", "fore", "0.35 0 0.05", "0 0 -0.2", "0 0 1"},
-                   {"lift", "prismatic", "fore", "slide", "0.3 0 0", "3.141592653589793 0 0", "0 0 1"},
-                   {"turn", "revolute", "slide", "flange", "0 0 0.1", "0 0 0", "0 0 1"}});
+  return arm_of({{"0 0 0.4", "0 0 0.3"},
+                 {"0.35 0 0.05", "0 0 -0.2"},
+                 {"0.3 0 0", "3.141592653589793 0 0", "0 0 1", "prismatic"},
+                 {"0 0 0.1"}});
 }
 
 struct Case {
@@ -287,9 +261,8 @@ TEST_P(AnyChain, RankIsWhatTheorySays) {
 TEST_P(AnyChain, IsRecoveredToRounding) {
   const Robot robot = parse_robot(GetParam().urdf);
   const ErrorModel model = complete_model(robot);
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  X_WB.linear() = rotation_exp(Eigen::Vector3d(0.5, -2.0, 1.0));
-  X_WB.translation() = Eigen::Vector3d(3.0, -4.0, 0.5);
+  const Eigen::Isometry3d X_WB =
+      Eigen::Translation3d(3.0, -4.0, 0.5) * Eigen::AngleAxisd(2.3, Eigen::Vector3d(0.5, -2.0, 1.0).normalized());
   VirtualExperiment experiment(
       {.model = model, .targets = generic_targets(3), .sizes = {.length = 0.001, .angle = 0.005}, .X_WB = X_WB});
   for (int trial = 0; trial < 3; ++trial, experiment.draw_robot()) {
@@ -310,7 +283,7 @@ TEST_P(AnyChain, IsRecoveredToRounding) {
 INSTANTIATE_TEST_SUITE_P(Chains, AnyChain,
                          ::testing::Values(Case{"SevenJoints", seven_joint_arm(), 7, 0},
                                            Case{"LinearAxis", arm_on_a_linear_axis(), 5, 1},
-                                           Case{"Scara", scara(), 3, 1}),
+                                           Case{"Scara", scara(), 3, 1}, Case{"OddArm", testing::kOddArm, 4, 1}),
                          [](const auto& test) { return test.param.name; });
 
 TEST(Reduction, MissingTargetsAndManyTargetsAreNormal) {

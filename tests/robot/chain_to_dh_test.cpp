@@ -16,18 +16,10 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// A joint's origin, axis and type in a URDF: "xyz", "rpy", "axis".
-struct JointText {
-  std::string xyz, rpy = "0 0 0", axis = "0 0 1", type = "continuous";
-};
+using testing::urdf::JointAt;
 
-Robot arm_of(const std::vector<JointText>& joints) {
-  std::vector<testing::urdf::Part> parts;
-  for (const JointText& j : joints) {
-    parts.push_back({j.type, fmt::format("<origin xyz='{}' rpy='{}'/><axis xyz='{}'/>", j.xyz, j.rpy, j.axis) +
-                                 testing::urdf::limit("-1:1")});
-  }
-  return parse_robot(testing::urdf::serial(parts));
+Robot arm_of(const std::vector<JointAt>& joints) {
+  return parse_robot(testing::urdf::serial_of(joints, "continuous", "-1:1"));
 }
 
 /// n joints anywhere, skew to each other; every third one slides where `sliding`.
@@ -37,9 +29,9 @@ Robot random_arm(int n, bool sliding, std::uint64_t seed) {
     return fmt::format("{} {} {}", random.uniform(-size, size), random.uniform(-size, size),
                        random.uniform(-size, size));
   };
-  std::vector<JointText> joints;
+  std::vector<JointAt> joints;
   for (int i = 0; i < n; ++i) {
-    joints.push_back({three(1.0), three(3.0), three(1.0), sliding && i % 3 == 1 ? "prismatic" : "continuous"});
+    joints.push_back({three(1.0), three(3.0), three(1.0), sliding && i % 3 == 1 ? "prismatic" : ""});
   }
   joints.push_back({three(0.5), three(3.0), "0 0 1", "fixed"});
   return arm_of(joints);
@@ -125,12 +117,9 @@ TEST(ChainToDh, FindsThePublishedTableAgain) {
 }
 
 TEST(ChainToDh, RefusesMimicJoints) {
-  const std::string urdf = R"(<robot name="m"><link name="a"/><link name="b"/><link name="c"/>
-    <joint name="one" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
-    <joint name="two" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/><mimic joint="one"/></joint>
-    </robot>)";
+  const std::string urdf = testing::urdf::serial({{"continuous", ""}, {"continuous", "<mimic joint='j1'/>"}});
   EXPECT_THAT(testing::refusal([&] { dh_table_of(parse_robot(urdf), DhConvention::standard); }),
-              HasSubstr("joint 'two' mimics another one, which a DH table cannot state"));
+              HasSubstr("joint 'j2' mimics another one, which a DH table cannot state"));
 }
 
 }  // namespace

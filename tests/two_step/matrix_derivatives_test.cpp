@@ -14,7 +14,9 @@ using Eigen::Matrix4d;
 using Eigen::VectorXd;
 
 struct Arm {
-  ErrorModel model = complete_model(testing::fanuc());
+  explicit Arm(const Robot& robot) : model(complete_model(robot)) {}
+
+  ErrorModel model;
   std::vector<ChainFactor> factors = chain_factors(model);
   Random random = Random(3);
   VectorXd errors = testing::random_errors(model, random, 0.0025, 0.05);
@@ -25,14 +27,17 @@ struct Arm {
   }
 };
 
-TEST(MatrixDerivatives, TheProductIsThePoseOfTheChain) {
-  const Arm arm;
+class MatrixDerivatives : public ::testing::TestWithParam<bool> {
+protected:
+  const Arm arm{GetParam() ? testing::fanuc() : parse_robot(testing::kOddArm)};
+};
+
+TEST_P(MatrixDerivatives, TheProductIsThePoseOfTheChain) {
   const MatrixProduct product = matrix_product(arm.factors, arm.errors, arm.q);
   EXPECT_TRUE(product.pose.isApprox(arm.by_kdl(arm.errors, arm.q).matrix(), 1e-14));
 }
 
-TEST(MatrixDerivatives, AreCentralDifferencesOfThePoseAndZeroWhereTheFactorIsFixed) {
-  const Arm arm;
+TEST_P(MatrixDerivatives, AreCentralDifferencesOfThePoseAndZeroWhereTheFactorIsFixed) {
   constexpr double kStep = 1e-6;
   const MatrixProduct product = matrix_product(arm.factors, arm.errors, arm.q);
   ASSERT_EQ(product.derivatives.size(), arm.factors.size());
@@ -51,8 +56,7 @@ TEST(MatrixDerivatives, AreCentralDifferencesOfThePoseAndZeroWhereTheFactorIsFix
   }
 }
 
-TEST(MatrixDerivatives, ColumnsOfAPointAreInTheOrderThatIsAsked) {
-  const Arm arm;
+TEST_P(MatrixDerivatives, ColumnsOfAPointAreInTheOrderThatIsAsked) {
   const Eigen::Vector3d point(0.1, -0.2, 0.3);
   const MatrixProduct product = matrix_product(arm.factors, arm.errors, arm.q);
   const std::vector<std::size_t> which = {20, 3, 11};
@@ -68,6 +72,8 @@ TEST(MatrixDerivatives, ColumnsOfAPointAreInTheOrderThatIsAsked) {
     }
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Robots, MatrixDerivatives, ::testing::Bool());
 
 }  // namespace
 }  // namespace kdl_calibration::matrix_derivatives_test
