@@ -28,14 +28,31 @@ namespace {
 
 using testing::fanuc;
 
+std::vector<std::string> names_of(const std::vector<EffectTerm>& terms) {
+  std::vector<std::string> names;
+  for (const EffectTerm& term : terms) {
+    names.push_back(term.name);
+  }
+  return names;
+}
+
+/// The function itself, before it is centred and scaled.
+double value_of(const EffectTerm& term, double in_basis) { return in_basis * term.scale + term.mean; }
+
+/// The torques that gravity exerts on the joints, by the KDL solver, which gives those that hold the arm against it.
+Eigen::VectorXd kdl_torques(const Robot& robot, const KDL::Vector& gravity, const Eigen::VectorXd& q) {
+  KDL::ChainDynParam solver(robot.chain, gravity);
+  KDL::JntArray joints(static_cast<unsigned>(q.size()));
+  KDL::JntArray torques(joints.rows());
+  joints.data = q;
+  EXPECT_EQ(solver.JntToGravity(joints, torques), 0);
+  return -torques.data;
+}
+
 TEST(JointEffects, GravityBendsTheSecondAndThirdJointOfTheR2000iC) {
   // The first axis is vertical; the wrist's levers are small beside the arm's.
-  const std::vector<EffectTerm> found = load_terms(complete_model(fanuc()));
-  std::vector<std::string> names;
-  for (const EffectTerm& effect : found) {
-    names.push_back(effect.name);
-  }
-  EXPECT_THAT(names, ::testing::ElementsAre("gravity2_3", "gravity2_4", "gravity3_4"));
+  EXPECT_THAT(names_of(load_terms(complete_model(fanuc()))),
+              ::testing::ElementsAre("gravity2_3", "gravity2_4", "gravity3_4"));
 }
 
 TEST(JointEffects, NoBacklashWhereNothingLoadsTheJoint) {
@@ -80,33 +97,8 @@ Robot loaded_fanuc(double upper_arm, double forearm) {
 }
 
 TEST(JointEffects, LightLinksLoadNoJointBehindThem) {
-  std::vector<std::string> names;
-  for (const EffectTerm& term : load_terms(complete_model(loaded_fanuc(0.02, 0.015)))) {
-    names.push_back(term.name);
-  }
-  EXPECT_THAT(names, ::testing::ElementsAre("gravity2", "gravity3"));
-}
-
-TEST(JointEffects, WithLinkMassesTheTorqueIsThatOfTheKdlSolver) {
-  const Robot robot = loaded_fanuc(200.0, 150.0);
-  ErrorModel model = complete_model(robot);
-  model.effects = load_terms(model);
-  ASSERT_EQ(model.effects.size(), 2U);
-  KDL::ChainDynParam solver(robot.chain, KDL::Vector(0.0, 0.0, -1.0));
-  Random random(2);
-  for (int i = 0; i < 50; ++i) {
-    const Eigen::VectorXd q = random_configurations(limits_of(model.joints), 1, random).col(0);
-    KDL::JntArray joints(6);
-    KDL::JntArray torque(6);
-    joints.data = q;
-    solver.JntToGravity(joints, torque);
-    const Eigen::MatrixXd basis = effect_basis(model, q);
-    for (std::size_t d = 0; d < 2; ++d) {
-      // KDL gives the torque that holds the arm against gravity.
-      EXPECT_NEAR(basis(static_cast<Eigen::Index>(d), 0) * model.effects[d].scale,
-                  -torque(static_cast<unsigned>(model.effects[d].index)), 1e-9);
-    }
-  }
+  EXPECT_THAT(names_of(load_terms(complete_model(loaded_fanuc(0.02, 0.015)))),
+              ::testing::ElementsAre("gravity2", "gravity3"));
 }
 
 // The odd arm with masses on every link, on those behind fixed joints as well.
@@ -141,19 +133,13 @@ TEST(JointEffects, MassesBehindFixedJointsPullAsTheKdlSolverSays) {
       joints.push_back(effect.index);
     }
     EXPECT_THAT(joints, ::testing::IsSupersetOf({0, 2, 3}));
-    KDL::ChainDynParam solver(robot.chain, model.gravity);
     Random random(4);
     for (int i = 0; i < 50; ++i) {
       const Eigen::VectorXd q = testing::random_joints(model, random);
-      KDL::JntArray values(5);
-      KDL::JntArray torque(5);
-      values.data = q;
-      ASSERT_EQ(solver.JntToGravity(values, torque), 0);
+      const Eigen::VectorXd torques = kdl_torques(robot, model.gravity, q);
       const Eigen::MatrixXd basis = effect_basis(model, q);
       for (std::size_t d = 0; d < model.effects.size(); ++d) {
-        const int joint = model.effects[d].index;
-        EXPECT_NEAR(basis(static_cast<Eigen::Index>(d), 0) * model.effects[d].scale,
-                    -torque(static_cast<unsigned>(joint)), 1e-9)
+        EXPECT_NEAR(basis(static_cast<Eigen::Index>(d), 0) * model.effects[d].scale, torques[joints[d]], 1e-9)
             << model.effects[d].name;
       }
       // What bends the joints: each by its value times its basis, and only its own.
@@ -191,18 +177,13 @@ TEST(JointEffects, TheTorqueOfAnyMassesIsALinearFunctionOfTheGravityTerms) {
   ErrorModel model = complete_model(robot);
   model.gravity = KDL::Vector(0.48, -0.6, -0.64);
   model.effects = whole_gravity_basis(model);
-  KDL::ChainDynParam solver(robot.chain, model.gravity);
   Random random(6);
   constexpr Eigen::Index kCount = 200;
   Eigen::MatrixXd q(5, kCount);
   Eigen::MatrixXd torques(5, kCount);
   for (Eigen::Index c = 0; c < kCount; ++c) {
     q.col(c) = testing::random_joints(model, random);
-    KDL::JntArray values(5);
-    KDL::JntArray torque(5);
-    values.data = q.col(c);
-    ASSERT_EQ(solver.JntToGravity(values, torque), 0);
-    torques.col(c) = torque.data;
+    torques.col(c) = kdl_torques(robot, model.gravity, q.col(c));
   }
   const Eigen::MatrixXd basis = effect_basis(model, q);
   for (int joint = 0; joint < 5; ++joint) {
@@ -261,8 +242,7 @@ TEST(JointEffects, FunctionsOfTheJointsValueAreAsTheyAreNamed) {
                                    [&, of = name](const EffectTerm& other) { return other.name == of; });
     ASSERT_NE(term, model.effects.end()) << name;
     for (Eigen::Index c = 0; c < q.cols(); ++c) {
-      EXPECT_NEAR(basis(term - model.effects.begin(), c) * term->scale + term->mean, function(q(term->index, c)), 1e-12)
-          << name;
+      EXPECT_NEAR(value_of(*term, basis(term - model.effects.begin(), c)), function(q(term->index, c)), 1e-12) << name;
     }
   }
 }
@@ -336,8 +316,7 @@ TEST(JointEffects, JointsAndBearingsFeelTheMomentsOfGravity) {
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
     for (Eigen::Index c = 0; c < q.cols(); ++c) {
-      EXPECT_NEAR(basis(static_cast<Eigen::Index>(e), c) * term.scale + term.mean,
-                  moment_by_hand(model, term, q.col(c)), 1e-12)
+      EXPECT_NEAR(value_of(term, basis(static_cast<Eigen::Index>(e), c)), moment_by_hand(model, term, q.col(c)), 1e-12)
           << term.name;
     }
   }
@@ -491,7 +470,7 @@ TEST(JointEffects, BacklashLiesWhereGravityPulls) {
       }
       return Eigen::VectorXd::Constant(1, energy);
     });
-    sides.emplace_back(-slopes(0, 1), basis[c] * second->scale + second->mean);
+    sides.emplace_back(-slopes(0, 1), value_of(*second, basis[c]));
     EXPECT_GE(sides.back().first * sides.back().second, 0.0) << c;
   }
   double mean = 0.0;
@@ -509,7 +488,19 @@ TEST(JointEffects, BacklashLiesWhereGravityPulls) {
   EXPECT_LE(sides.back().second, 1.0);
 }
 
-// The sum of the squared functions is the covariance of the process (Rasmussen and Williams 2006, 4.17).
+// The sum of the squared functions is the covariance of the process (Rasmussen and Williams 2006, 4.17), with this
+// length on the scale of these values of the third joint.
+void expect_matern(const ErrorModel& model, const Eigen::MatrixXd& q, const Eigen::VectorXd& values, double length) {
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  const Eigen::MatrixXd covariance = basis.transpose() * basis;
+  for (Eigen::Index a = 0; a < q.cols(); ++a) {
+    for (Eigen::Index b = 0; b < q.cols(); ++b) {
+      const double r = std::sqrt(3.0) * std::abs(values[a] - values[b]) / length;
+      EXPECT_NEAR(covariance(a, b), (1.0 + r) * std::exp(-r), 0.03) << length << ": " << a << ", " << b;
+    }
+  }
+}
+
 TEST(JointEffects, TablesHaveTheCovarianceOfMaternThreeHalves) {
   ErrorModel model = complete_model(fanuc());
   Eigen::MatrixXd q = Eigen::MatrixXd::Zero(6, 41);
@@ -520,14 +511,7 @@ TEST(JointEffects, TablesHaveTheCovarianceOfMaternThreeHalves) {
       ASSERT_EQ(term.index, 2) << "the others do not move";
       ASSERT_EQ(size_name(term), "tables.3");
     }
-    const Eigen::MatrixXd basis = effect_basis(model, q);
-    const Eigen::MatrixXd covariance = basis.transpose() * basis;
-    for (Eigen::Index a = 0; a < q.cols(); ++a) {
-      for (Eigen::Index b = 0; b < q.cols(); ++b) {
-        const double r = std::sqrt(3.0) * std::abs(q(2, a) - q(2, b)) / length;
-        EXPECT_NEAR(covariance(a, b), (1.0 + r) * std::exp(-r), 0.03) << length << ": " << a << ", " << b;
-      }
-    }
+    expect_matern(model, q, q.row(2), length);
     // What is withheld at an end is withheld beyond it.
     ErrorModel withholding = model;
     for (EffectTerm& term : withholding.effects) {
@@ -558,14 +542,7 @@ TEST(JointEffects, TablesOfAShortRangeAreThoseOfALongOneMadeSmaller) {
   for (const double length : {0.1, 0.5, 30.0}) {
     model.effects = table_terms(model, narrow, length);
     EXPECT_EQ(model.effects.size(), of_long.size()) << length;
-    const Eigen::MatrixXd basis = effect_basis(model, narrow);
-    const Eigen::MatrixXd covariance = basis.transpose() * basis;
-    for (Eigen::Index a = 0; a < q.cols(); ++a) {
-      for (Eigen::Index b = 0; b < q.cols(); ++b) {
-        const double r = std::sqrt(3.0) * std::abs(q(2, a) - q(2, b));
-        EXPECT_NEAR(covariance(a, b), (1.0 + r) * std::exp(-r), 0.03) << length << ": " << a << ", " << b;
-      }
-    }
+    expect_matern(model, narrow, q.row(2), 1.0);
   }
   EXPECT_TRUE(table_terms(model, 0.01 * q, 0.5).empty()) << "a joint that hardly moves";
 }
