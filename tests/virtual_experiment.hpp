@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/random.hpp"
+#include "estimation/identification.hpp"
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -118,6 +119,13 @@ inline VirtualExperiment published_experiment(std::uint64_t seed = 1, const Erro
                             .sizes = sizes,
                             .ranges = published_ranges,
                             .random = Random(seed)});
+}
+
+/// The joint fit of what the reduction keeps, from the nominal arm.
+inline Identification joint_fit(const VirtualExperiment& experiment, const Measurements& measured,
+                                const JointOptions& options = {}) {
+  return identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured), experiment.free,
+                          options);
 }
 
 /// 3D RMS of what the estimate predicts against the truth at fresh configurations.

@@ -1,6 +1,6 @@
 #include "uncertainty/influence.hpp"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "estimation/identification.hpp"
 #include "estimation/residual_options.hpp"
 #include "record.hpp"
 #include "refusal.hpp"
@@ -24,6 +23,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::column_errors;
+using ::testing::HasSubstr;
 using testing::published;
 using testing::refusal;
 using testing::VirtualExperiment;
@@ -59,8 +59,7 @@ TEST(Influence, LeverageAddsUpToTheRankAndCooksDistanceIsThatOfARefit) {
     if (correlated) {
       options.residuals.noise = {.independent = Eigen::Vector3d::Constant(1e-6), .common = 0.1 * common};
     }
-    const Identification full = identify_jointly(experiment.model, measured, nominal_start(experiment.model, measured),
-                                                 experiment.free, options);
+    const Identification full = joint_fit(experiment, measured, options);
     const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options.residuals);
     const Eigen::MatrixXd jacobian = problem.whitened(full.estimate).jacobian;
     const Influence found = influence(problem, measured, options.residuals, full.estimate,
@@ -223,16 +222,13 @@ TEST(Influence, RefusesWhatDoesNotHoldTogether) {
   const MatrixXd sqrt_information = problem.whitened_summary(truth).sqrt_information;
   Measurements measured = sound;
   measured.joints[0] = "another";
-  EXPECT_NE(refusal([&] { influence(problem, measured, {}, truth, sqrt_information); }).find("another"),
-            std::string::npos);
+  EXPECT_THAT(refusal([&] { influence(problem, measured, {}, truth, sqrt_information); }), HasSubstr("another"));
   Estimate estimate = truth;
   estimate.errors.conservativeResize(3);
-  EXPECT_NE(refusal([&] { influence(problem, sound, {}, estimate, sqrt_information); }).find("3 errors"),
-            std::string::npos);
+  EXPECT_THAT(refusal([&] { influence(problem, sound, {}, estimate, sqrt_information); }), HasSubstr("3 errors"));
   ResidualOptions options;
   options.row_weights.assign(sound.observations.size(), -1.0);
-  EXPECT_NE(refusal([&] { influence(problem, sound, options, truth, sqrt_information); }).find("weight"),
-            std::string::npos);
+  EXPECT_THAT(refusal([&] { influence(problem, sound, options, truth, sqrt_information); }), HasSubstr("weight"));
   EXPECT_EQ(refusal([&] { influence(problem, sound, {}, truth, sqrt_information.leftCols(5)); }),
             "5 columns of a triangle, expected 33");
 }
