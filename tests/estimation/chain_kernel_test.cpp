@@ -164,10 +164,10 @@ ChainKernelSums sums_of(const Case& c, bool cost_only, InstructionSet set) {
 
 class ChainKernels : public ::testing::TestWithParam<Kind> {};
 
-void add(std::vector<double>& sums, const std::vector<double>& more) {
-  ASSERT_EQ(sums.size(), more.size());
-  std::transform(sums.begin(), sums.end(), more.begin(), sums.begin(), std::plus<>());
-}
+// All sums but the cost.
+constexpr std::array kSums = {&ChainKernelSums::gram,     &ChainKernelSums::spread, &ChainKernelSums::gradient,
+                              &ChainKernelSums::coupling, &ChainKernelSums::turned, &ChainKernelSums::force,
+                              &ChainKernelSums::weights};
 
 void expect_near(const std::vector<double>& found, const std::vector<double>& expected) {
   ASSERT_EQ(found.size(), expected.size());
@@ -198,22 +198,16 @@ TEST_P(ChainKernels, SumsOfAllConfigurationsAreThoseOfTheirParts) {
         continue;
       }
       parts.cost += sums.cost;
-      add(parts.gram, sums.gram);
-      add(parts.spread, sums.spread);
-      add(parts.gradient, sums.gradient);
-      add(parts.coupling, sums.coupling);
-      add(parts.turned, sums.turned);
-      add(parts.force, sums.force);
-      add(parts.weights, sums.weights);
+      for (const auto sum : kSums) {
+        ASSERT_EQ((parts.*sum).size(), (sums.*sum).size());
+        std::transform((parts.*sum).begin(), (parts.*sum).end(), (sums.*sum).begin(), (parts.*sum).begin(),
+                       std::plus<>());
+      }
     }
     EXPECT_NEAR(parts.cost, whole.cost, 1e-12 * whole.cost);
-    expect_near(parts.gram, whole.gram);
-    expect_near(parts.spread, whole.spread);
-    expect_near(parts.gradient, whole.gradient);
-    expect_near(parts.coupling, whole.coupling);
-    expect_near(parts.turned, whole.turned);
-    expect_near(parts.force, whole.force);
-    expect_near(parts.weights, whole.weights);
+    for (const auto sum : kSums) {
+      expect_near(parts.*sum, whole.*sum);
+    }
   }
 }
 
@@ -236,13 +230,9 @@ TEST_P(ChainKernels, GiveTheSameBitsWithEveryInstructionSet) {
   for (const InstructionSet set : instruction_sets()) {
     const ChainKernelSums sums = sums_of(c, false, set);
     EXPECT_EQ(sums.cost, baseline.cost);
-    EXPECT_EQ(sums.gram, baseline.gram);
-    EXPECT_EQ(sums.spread, baseline.spread);
-    EXPECT_EQ(sums.gradient, baseline.gradient);
-    EXPECT_EQ(sums.coupling, baseline.coupling);
-    EXPECT_EQ(sums.turned, baseline.turned);
-    EXPECT_EQ(sums.force, baseline.force);
-    EXPECT_EQ(sums.weights, baseline.weights);
+    for (const auto sum : kSums) {
+      EXPECT_EQ(sums.*sum, baseline.*sum);
+    }
     EXPECT_EQ(sums_of(c, true, set).cost, baseline.cost);
   }
 }
