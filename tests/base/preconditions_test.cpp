@@ -79,16 +79,13 @@ TEST(Preconditions, NameWhatWasGivenAndWhatWasExpected) {
   EXPECT_NO_THROW(require_finite("an estimate", true));
   EXPECT_NO_THROW(require_function("what is called", std::function<void()>([] {})));
   const double infinity = std::numeric_limits<double>::infinity();
+  const std::vector<Index> zero_and_nine = {0, 9};
   expect_refused({
       {"count", [] { require_count("joint values", Index{5}, std::size_t{6}); }, "5 joint values, expected 6"},
       {"least", [] { require_at_least("runs", 0, 1); }, "0 runs, expected at least 1"},
       {"below", [] { require_index("the target", -1, std::size_t{3}); }, "the target -1 is not there"},
       {"above", [] { require_index("the target", 3, 3); }, "the target 3 is not there, expected an index below 3"},
-      {"one of many",
-       [] {
-         require_indices("parameter", std::vector<Index>{0, 9}, 9);
-       },
-       "parameter 9 is not there"},
+      {"one of many", [&] { require_indices("parameter", zero_and_nine, 9); }, "parameter 9 is not there"},
       {"negative", [] { require_sigma("the noise", -1.0); }, "the noise is negative or not finite, expected 0 or more"},
       {"no number", [] { require_sigma("the noise", kNaN); }, "negative or not finite"},
       {"infinite", [=] { require_sigma("the noise", infinity); }, "negative or not finite"},
@@ -135,6 +132,7 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
   const std::vector<ChainFactor> factors = chain_factors(model);
   const ChainFolder folder(model, {0, 1});
   FoldedChain shape = folder.shape();
+  FoldedChain empty;
   std::vector<ParameterTwist> two(2);
   Matrix6Xd jacobian;
   VectorXd motion = s.few;
@@ -152,17 +150,11 @@ TEST(Doors, OfTheModelRefuseWhatDoesNotFit) {
       {"ChainFolder", [&] { ChainFolder(model, s.beyond); }, "parameter 1000 is not there"},
       {"fold", [&] { folder.fold(s.few, shape, two, 0); }, "is not there, expected an index below 3"},
       {"fold's place", [&] { folder.fold(s.errors, shape, two, 1); }, "the twist 2 is not there"},
-      {"fold's chain",
-       [&] {
-         FoldedChain no;
-         folder.fold(s.errors, no, two, 0);
-       },
-       "0 links of a chain"},
+      {"fold's chain", [&] { folder.fold(s.errors, empty, two, 0); }, "0 links of a chain"},
       {"flange_pose", [&] { flange_pose(chain, s.few); }, "3 joint values"},
       {"flange_poses", [&] { flange_poses(chain, s.few_rows); }, "3 joint values"},
       {"flange_jacobian", [&] { flange_jacobian(chain, {}, s.few, jacobian); }, "3 joint values"},
-      {"flange_jacobian, twist",
-       [&] { flange_jacobian(chain, {ParameterTwist{.frame = 9}}, Eigen::VectorXd::Zero(6), jacobian); },
+      {"flange_jacobian, twist", [&] { flange_jacobian(chain, {{.frame = 9}}, s.q, jacobian); },
        "0 twists in frames of the chain, expected 1"},
       {"position_jacobian_by_matrix_derivatives",
        [&] { position_jacobian_by_matrix_derivatives(model, s.errors, s.beyond, s.q, {}); }, "parameter 1000"},
@@ -205,6 +197,7 @@ TEST(Doors, OfTheEstimationRefuseWhatDoesNotFit) {
   const std::vector<Eigen::Isometry3d> X_BF(2, Eigen::Isometry3d::Identity());
   const PositionPredictor predictor(model, s.estimate, m.free);
   RowSummary summary(4);
+  const auto same_data = [&](int) { return s.data; };
   expect_refused({
       {"Unknowns", [&] { Unknowns(model, s.estimate.targets, {"Tq9"}); }, "Tq9"},
       {"with", [&] { static_cast<void>(m.free.with(model, UnknownGroup::base, {6})); }, "the unknown 6 is not there"},
@@ -226,11 +219,7 @@ TEST(Doors, OfTheEstimationRefuseWhatDoesNotFit) {
       {"PositionPredictor", [&] { static_cast<void>(predictor.jacobians(s.few)); }, "3 joint values"},
       {"base_and_tool_rows", [&] { base_and_tool_rows(X_BF[0], 3, 3); }, "the tool 3"},
       {"identification_jacobian", [&] { identification_jacobian(model, short_one, m.free, s.q); }, "3 errors"},
-      {"identify_in_two_steps",
-       [&] {
-         identify_in_two_steps(
-             model, [&](int) { return s.data; }, s.estimate, s.beyond);
-       },
+      {"identify_in_two_steps", [&] { identify_in_two_steps(model, same_data, s.estimate, s.beyond); },
        "parameter 1000"},
       {"register_base_and_targets", [&] { register_base_and_targets(X_BF, s.data); }, "2 poses of the flange"},
       {"well_conditioned_root", [&] { well_conditioned_root(s.few_rows); }, "4 columns of an information matrix"},
@@ -249,6 +238,11 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
   const PositionPredictor predictor(model, s.estimate, m.free);
   const MatrixXd C = MatrixXd::Identity(m.free.size(), m.free.size());
   const std::string fold = "the configuration of a fold 30 is not there";
+  const std::vector<std::vector<Index>> one = {{0}};
+  const std::vector<std::vector<Index>> with_an_empty_one = {{0}, {}};
+  const auto predict = [&](const MatrixXd& triangle, double noise, const std::vector<std::vector<Index>>& of) {
+    predict_folds({.problem = problem, .sqrt_information = triangle, .noise = noise}, of);
+  };
   expect_refused({
       {"check_distances", [&] { check_distances(s.data, {.noise_floor = kNaN}); }, "the floor of the noise"},
       {"check_residuals", [&] { check_residuals(model, s.data, s.estimate, {.smallest_slip = kNaN}); },
@@ -256,17 +250,10 @@ TEST(Doors, OfTheAssessmentRefuseWhatDoesNotFit) {
       {"predicted_covariance", [&] { predicted_covariance(predictor, square, s.q, 0); }, "3 columns of a covariance"},
       {"its target", [&] { predicted_covariance(predictor, C, s.q, 3); }, "the target 3"},
       {"pseudo_values", [&] { pseudo_values(model, s.data, s.estimate, Loss::huber, {1.0}); }, "1 weights of rows"},
-      {"predict_folds", [&] { predict_folds({.problem = problem, .sqrt_information = C, .noise = 1e-5}, folds); },
-       fold},
-      {"its empty fold",
-       [&] {
-         predict_folds({.problem = problem, .sqrt_information = C, .noise = 1e-5}, {{0}, {}});
-       },
-       "0 configurations of a fold"},
-      {"its triangle", [&] { predict_folds({.problem = problem, .sqrt_information = square, .noise = 1e-5}, {{0}}); },
-       "3 columns of a triangle"},
-      {"its noise", [&] { predict_folds({.problem = problem, .sqrt_information = C, .noise = kNaN}, {{0}}); },
-       "the noise"},
+      {"predict_folds", [&] { predict(C, 1e-5, folds); }, fold},
+      {"its empty fold", [&] { predict(C, 1e-5, with_an_empty_one); }, "0 configurations of a fold"},
+      {"its triangle", [&] { predict(square, 1e-5, one); }, "3 columns of a triangle"},
+      {"its noise", [&] { predict(C, kNaN, one); }, "the noise"},
       {"cross_validate_by_sums", [&] { cross_validate_by_sums(problem, folds, 1e-5); }, fold},
       {"cross_validate", [&] { cross_validate(problem, folds); }, fold},
       {"cross_validate_nominal", [&] { cross_validate_nominal(model, s.data, folds); }, fold},
@@ -352,6 +339,9 @@ TEST(Doors, OfThePlanningRefuseWhatDoesNotFit) {
   const Capsule far{.frame = 99};
   const PlanRequest request{.robot = s.robot, .targets = targets, .candidates = 0};
   const std::string rows = "3 rows of the information, expected 33";
+  const SelectionTask pool{q, none};
+  const SelectionTask wrong{q, square};
+  const SelectionTask to_rate{q, square, q};
   expect_refused({
       {"travel_time", [&] { travel_time(joints, s.q, s.few); }, "3 joint values"},
       {"way_time", [&] { way_time(joints, s.few, q); }, "3 joint values"},
@@ -374,26 +364,11 @@ TEST(Doors, OfThePlanningRefuseWhatDoesNotFit) {
       {"predicted", [&] { predicted(experiment, square, q); }, rows},
       {"floor_of_worst_configuration", [&] { floor_of_worst_configuration(experiment, 0); }, "0 configurations"},
       {"observability_indices", [&] { observability_indices(experiment, s.few_rows); }, "3 joint values"},
-      {"select_configurations",
-       [&] {
-         select_configurations(experiment, {q, square});
-       },
-       rows},
-      {"select_for_accuracy",
-       [&] {
-         select_for_accuracy(experiment, {q, square, q}, 1e-3, Figure::mean, {});
-       },
-       rows},
-      {"random_designs",
-       [&] {
-         random_designs(experiment, {q, none}, {.count = 41, .draws = 2});
-       },
+      {"select_configurations", [&] { select_configurations(experiment, wrong); }, rows},
+      {"select_for_accuracy", [&] { select_for_accuracy(experiment, to_rate, 1e-3, Figure::mean, {}); }, rows},
+      {"random_designs", [&] { random_designs(experiment, pool, {.count = 41, .draws = 2}); },
        "40 candidates, expected at least 41"},
-      {"d_efficiency",
-       [&] {
-         d_efficiency(experiment, {q, none}, square, 30);
-       },
-       rows},
+      {"d_efficiency", [&] { d_efficiency(experiment, pool, square, 30); }, rows},
       {"make_plan", [&] { make_plan(request); }, "0 candidates, expected at least 1"},
   });
 }

@@ -495,7 +495,7 @@ TEST(JointConventions, BadFilesAreNamed) {
   EXPECT_THAT(convention_message(std::string(200000, '[')), HasSubstr("nested deeper"));
 }
 
-TEST(JointConventions, BadKeysAreNamed) {
+TEST(JointConventions, BadKeysAndValuesAreNamedWithTheirPlace) {
   const auto with = [](const std::string& from, const std::string& to) {
     return convention_message(replaced(kPendant, from, to));
   };
@@ -510,16 +510,9 @@ TEST(JointConventions, BadKeysAreNamed) {
   EXPECT_THAT(with("\"J2\"", "\"J1\""), HasSubstr("joint 'J1' appears twice"));
   EXPECT_THAT(with("\"joint_1\", ", ""), HasSubstr("key 'urdf_joints' has 1 names: expected 2"));
   EXPECT_THAT(with("[[1, 0], [1, -2]]", "[[1, 0]]"), HasSubstr("key 'matrix' has 1 rows: expected 2"));
-  EXPECT_THAT(with("[[1, 0], [1, -2]]", "7"), HasSubstr("key 'matrix' has no rows"));
   EXPECT_THAT(with("[0, 0.5]", "[0, 0.5, 1]"), HasSubstr("key 'offset' has 3 entries"));
   EXPECT_THAT(with("[1, -2]", "[2, 0]"),
               AllOf(HasSubstr("key 'matrix' is singular"), HasSubstr("rank is 1, expected 2")));
-}
-
-TEST(JointConventions, FaultsAreToldWholeWithTheirPlace) {
-  const auto with = [](const std::string& from, const std::string& to) {
-    return convention_message(replaced(kPendant, from, to));
-  };
   const std::string numbers = ": expected a list of 2 numbers, one per joint";
   EXPECT_EQ(with("[1, -2]", "{}"), "c.json: key 'matrix', row 2: '{}' is no list" + numbers);
   EXPECT_EQ(with("[1, 0]", "[1]"), "c.json: key 'matrix', row 1 has 1 entries" + numbers);
@@ -530,6 +523,7 @@ TEST(JointConventions, FaultsAreToldWholeWithTheirPlace) {
   EXPECT_THAT(with("[0, 0.5]", "[-2e12, 1]"), HasSubstr("'-2000000000000.0' is out of range"));
   EXPECT_EQ(with("[[1, 0], [1, -2]]", R"({"a": 1, "b": 2})"),
             "c.json: key 'matrix' has no rows: expected 2, one per joint");
+  EXPECT_THAT(with("[[1, 0], [1, -2]]", "7"), HasSubstr("key 'matrix' has no rows"));
   EXPECT_THAT(with("\"J2 counts from above\"", R"({"matrix": 1})"), HasSubstr("is no text"));
 }
 
@@ -673,34 +667,31 @@ TEST(MeasurementsAveraged, IsTheMeanOverTheRepeats) {
   for (const Observation& o : means.observations) EXPECT_EQ(o.repeat, 1);
 }
 
+// Turned by 0.1 and 0.3 about one axis: the mean is turned by 0.2, and its quaternion is on the side of the first.
 TEST(MeasurementsAveraged, AveragesOrientationsWhateverTheirSign) {
-  // Turned by 0.1 and 0.3 about one axis: the mean is turned by 0.2.
   const Eigen::Vector3d axis = Eigen::Vector3d(1, -2, 0.5).normalized();
   Measurements m = parse(
       "configuration,repeat,target,joint_1,joint_2,x,y,z\n"
       "a,1,A,1,2,0,0,0\na,2,A,1,2,0,0,0\na,3,A,1,2,0,0,0\nb,1,A,1,3,0,0,0\nc,1,A,1,3,0,0,0\n");
   m.orientations.assign(5, Eigen::Quaterniond(Eigen::Vector4d::Constant(std::nan(""))));
-  m.orientations[0] = Eigen::AngleAxisd(0.1, axis);
-  m.orientations[2].coeffs() = -Eigen::Quaterniond(Eigen::AngleAxisd(0.3, axis)).coeffs();
   m.orientations[3] = Eigen::AngleAxisd(0.7, axis);
-  const Measurements means = averaged(m);
-  ASSERT_EQ(means.orientations.size(), 3U);
-  const Eigen::Quaterniond expected(Eigen::AngleAxisd(0.2, axis));
-  EXPECT_NEAR((means.orientations[0].coeffs() - expected.coeffs()).norm(), 0.0, 1e-14);
-  EXPECT_EQ(means.orientations[1].coeffs(), m.orientations[3].coeffs());
-  EXPECT_TRUE(means.orientations[2].coeffs().array().isNaN().all());
+  for (const double first : {1.0, -1.0}) {
+    for (const double second : {1.0, -1.0}) {
+      m.orientations[0].coeffs() = first * Eigen::Quaterniond(Eigen::AngleAxisd(0.1, axis)).coeffs();
+      m.orientations[2].coeffs() = second * Eigen::Quaterniond(Eigen::AngleAxisd(0.3, axis)).coeffs();
+      const Measurements means = averaged(m);
+      ASSERT_EQ(means.orientations.size(), 3U);
+      const Eigen::Quaterniond expected(Eigen::AngleAxisd(0.2, axis));
+      EXPECT_NEAR((means.orientations[0].coeffs() - first * expected.coeffs()).norm(), 0.0, 1e-14);
+      EXPECT_EQ(means.orientations[1].coeffs(), m.orientations[3].coeffs());
+      EXPECT_TRUE(means.orientations[2].coeffs().array().isNaN().all());
+    }
+  }
 }
 
-const std::string kFanucSerial = R"({
-  "controller_joints": ["J1", "J2", "J3", "J4", "J5", "J6"],
-  "urdf_joints": ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"],
-  "matrix": [[1, 0, 0, 0, 0, 0], [0, -1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0],
-             [0, 0, 0, -1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, -1]]})";
-const std::vector<std::string> kFanucJoints = {"joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"};
-
 Measurements fanuc_tracker() {
-  const JointConvention convention = parse_joint_convention(kFanucSerial);
-  return read_measurements(SHARED_DATA_DIR "/r2000ic_165f_tracker/measurements.csv", kFanucJoints, &convention);
+  const JointConvention serial = read_joint_convention(URDF_DIR "/fanuc_r2000ic_165f_serial.json");
+  return read_measurements(SHARED_DATA_DIR "/r2000ic_165f_tracker/measurements.csv", serial.urdf_joints, &serial);
 }
 
 TEST(MeasurementsOnRealData, ReadsTheFanucTrackerSeries) {
@@ -791,27 +782,6 @@ TEST(MeasurementsAveraged, HasTheOrderOfTheFirstRowOfEachMean) {
   const Measurements means = averaged(m);
   EXPECT_THAT(means.order, ElementsAre(1, 3, 5));
   EXPECT_EQ(means.observations[1].position.x(), 5.0);
-}
-
-TEST(MeasurementsAveraged, OrientationsLieOnTheSideOfTheFirst) {
-  for (const double sign : {1.0, -1.0}) {
-    Measurements m = rows_of({{0, 0, 1, 0, 1}, {0, 0, 2, 0, 2}});
-    const Eigen::Quaterniond mean(Eigen::AngleAxisd(0.4, Eigen::Vector3d(0.6, 0.0, 0.8)));
-    for (const double angle : {0.3, 0.5}) {
-      const Eigen::Quaterniond turned(Eigen::AngleAxisd(angle, Eigen::Vector3d(0.6, 0.0, 0.8)));
-      m.orientations.emplace_back(Eigen::Vector4d((angle < 0.4 ? sign : 1.0) * turned.coeffs()));
-    }
-    EXPECT_LT((averaged(m).orientations[0].coeffs() - sign * mean.coeffs()).norm(), 1e-14) << sign;
-  }
-}
-
-TEST(TrainingRows, TakeAsManyValuesAsThereAre) {
-  const Measurements mixed = rows_of({{0, 0, 1, 0, 1}, {1, 0, 1, 1, 2}});
-  const TrainingRows training(mixed);
-  EXPECT_THAT(message_of([&] {
-                static_cast<void>(training.among_all({1.0, 2.0}, 0.0));
-              }),
-              HasSubstr("2 values of training rows, expected 1"));
 }
 
 TEST(TrainedConfigurations, AreThoseWithTrainingRows) {
@@ -960,42 +930,30 @@ TEST(MeasurementsCheck, SaysWhatIsWrongWithWhichRow) {
   }
 }
 
-Measurements of_three_configurations() {
-  Measurements m{.configurations = {"a", "b", "c"}, .targets = {"A", "B"}};
-  m.joint_values = Eigen::MatrixXd::Random(2, 3);
-  for (int row = 0; row < 6; ++row) {
-    m.observations.push_back({.position = Eigen::Vector3d::Constant(row), .configuration = row / 2, .target = row % 2});
-    m.orientations.push_back(row == 2 ? point_alone() : Eigen::Quaterniond::Identity());
-    m.order.push_back(10 - row);
-  }
-  return m;
-}
-
 TEST(TrainingRows, AreTheMeasurementsThemselvesWhereThereIsNothingElse) {
-  const Measurements all = of_three_configurations();
+  const Measurements all = rows_of({{0, 0, 1, 0, 1}, {1, 0, 1, 0, 2}});
   const TrainingRows training(all);
   EXPECT_EQ(&*training, &all);
   EXPECT_FALSE(training.has_others());
-  const std::vector<double> values = {1, 2, 3, 4, 5, 6};
-  EXPECT_EQ(training.values_of(values), values);
-  EXPECT_EQ(training.among_all(values, 7.0), values);
+  EXPECT_THAT(training.values_of({1, 2}), ElementsAre(1, 2));
+  EXPECT_THAT(training.among_all({1, 2}, 7.0), ElementsAre(1, 2));
 }
 
 TEST(TrainingRows, OfWhatDoesNotHoldTogetherAreRefusedBeforeAnyIsTaken) {
-  const Measurements sound = parse(
-      "configuration,split,target,joint_1[rad],joint_2[mm],x,y,z\n"
-      "a,train,A,1,2,0,0,1\nb,test,A,3,4,0,0,2\nc,train,A,5,6,0,0,3\n");
+  const Measurements sound = rows_of({{0, 0, 1, 0, 1}, {1, 0, 1, 1, 2}, {2, 0, 1, 0, 3}});
   Measurements fewer = sound;
   fewer.orientations = {Eigen::Quaterniond::Identity()};
-  EXPECT_THAT(testing::refusal([&] { TrainingRows rows(fewer); }), HasSubstr("1 orientations, expected 3"));
+  EXPECT_THAT(message_of([&] { TrainingRows rows(fewer); }), HasSubstr("1 orientations, expected 3"));
   Measurements more = sound;
   more.order.assign(5, 1);
-  EXPECT_THAT(testing::refusal([&] { TrainingRows rows(more); }), HasSubstr("5 places in the order, expected 3"));
+  EXPECT_THAT(message_of([&] { TrainingRows rows(more); }), HasSubstr("5 places in the order, expected 3"));
 }
 
 TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
-  Measurements all = of_three_configurations();
-  all.observations[1].split = all.observations[2].split = all.observations[3].split = Split::test;
+  Measurements all =
+      rows_of({{0, 0, 1, 0, 10}, {0, 1, 1, 1, 9}, {1, 0, 1, 1, 8}, {1, 1, 1, 1, 7}, {2, 0, 1, 0, 6}, {2, 1, 1, 0, 5}});
+  all.orientations.assign(6, Eigen::Quaterniond::Identity());
+  all.orientations[2] = point_alone();
   const TrainingRows training(all);
   ASSERT_TRUE(training.has_others());
   const Measurements& rows = *training;
@@ -1009,13 +967,17 @@ TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
     EXPECT_EQ(rows.observations[i].configuration, observation.configuration) << i;
     EXPECT_EQ(rows.observations[i].target, observation.target) << i;
   }
-  EXPECT_EQ(rows.order, (std::vector<std::int64_t>{10, 6, 5}));
+  EXPECT_THAT(rows.order, ElementsAre(10, 6, 5));
   EXPECT_TRUE(std::none_of(rows.orientations.begin(), rows.orientations.end(), is_point));
-  EXPECT_EQ(training.values_of({1, 2, 3, 4, 5, 6}), (std::vector<double>{1, 5, 6}));
-  EXPECT_EQ(training.among_all({1, 5, 6}, 0.0), (std::vector<double>{1, 0, 0, 0, 5, 6}));
+  EXPECT_THAT(training.values_of({1, 2, 3, 4, 5, 6}), ElementsAre(1, 5, 6));
+  EXPECT_THAT(training.among_all({1, 5, 6}, 0.0), ElementsAre(1, 0, 0, 0, 5, 6));
   EXPECT_TRUE(training.values_of({}).empty());
   EXPECT_TRUE(training.among_all({}, 0.0).empty());
-  EXPECT_THAT(testing::refusal([&] { static_cast<void>(training.values_of({1.0})); }), HasSubstr("1 values of rows"));
+  EXPECT_THAT(message_of([&] { static_cast<void>(training.values_of({1.0})); }), HasSubstr("1 values of rows"));
+  EXPECT_THAT(message_of([&] {
+                static_cast<void>(training.among_all({1.0, 2.0}, 0.0));
+              }),
+              HasSubstr("2 values of training rows, expected 3"));
 }
 
 TEST(JointConventions, RandomDamageGivesAResultOrAnInputError) {

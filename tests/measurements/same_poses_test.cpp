@@ -4,8 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
-#include <numeric>
+#include <set>
 
 #include "base/random.hpp"
 #include "virtual_experiment.hpp"
@@ -66,31 +67,38 @@ TEST(SamePoses, HaveNeighboursWithinThreeDegreesOrATwentiethOfTheRange) {
   EXPECT_TRUE(first_of_neighbours(Eigen::MatrixXd(2, 0)).empty());
 }
 
-// The definition itself: in the order along a direction each joins the first one that joined nothing and is near.
-TEST(SamePoses, HaveTheNeighboursThatAnExhaustiveSearchFinds) {
+// A group has a member that all others are near to. If two groups had such members near to each other, they would be
+// one.
+TEST(SamePoses, HaveNeighboursNearOneOfThemInGroupsApartWhateverTheOrder) {
   Random random(1);
   const Eigen::MatrixXd values = Eigen::MatrixXd::NullaryExpr(3, 400, [&] { return random.uniform(); });
+  const Eigen::Array3d limits = 0.05 * (values.rowwise().maxCoeff() - values.rowwise().minCoeff()).array().min(1.0);
+  const auto near = [&](Index a, Index b) { return ((values.col(a) - values.col(b)).array().abs() <= limits).all(); };
   const std::vector<Index> first = first_of_neighbours(values);
-  const Eigen::Vector3d direction(1.0 / std::sqrt(2.0), 1.0 / std::sqrt(3.0), 1.0 / std::sqrt(4.0));
-  const Eigen::VectorXd along = values.transpose() * direction;
-  const Eigen::Vector3d range = values.rowwise().maxCoeff() - values.rowwise().minCoeff();
-  std::vector<Index> order(400);
-  std::iota(order.begin(), order.end(), Index{0});
-  std::sort(order.begin(), order.end(), [&](Index a, Index b) { return along[a] < along[b]; });
-  std::map<Index, std::vector<Index>> groups;  // by the one that the others joined
-  for (const Index c : order) {
-    const auto leader = std::find_if(order.begin(), order.end(), [&](Index l) {
-      return l == c || (groups.count(l) > 0 &&
-                        ((values.col(l) - values.col(c)).array().abs() <= 0.05 * range.array().min(1.0)).all());
-    });
-    groups[*leader].push_back(c);
+  std::map<Index, std::vector<Index>> groups;
+  for (Index c = 0; c < values.cols(); ++c) {
+    groups[first[static_cast<std::size_t>(c)]].push_back(c);
   }
   EXPECT_LT(groups.size(), 395U);
-  for (const auto& [leader, members] : groups) {
-    for (const Index c : members) {
-      EXPECT_EQ(first[static_cast<std::size_t>(c)], *std::min_element(members.begin(), members.end()));
+  std::vector<std::vector<Index>> middles;
+  for (const auto& [own, members] : groups) {
+    EXPECT_EQ(own, members.front());
+    std::vector<Index>& middle = middles.emplace_back();
+    std::copy_if(members.begin(), members.end(), std::back_inserter(middle), [&](Index a) {
+      return std::all_of(members.begin(), members.end(), [&](Index b) { return near(a, b); });
+    });
+    EXPECT_FALSE(middle.empty()) << own;
+    for (std::size_t other = 0; other + 1 < middles.size(); ++other) {
+      EXPECT_FALSE(std::all_of(middle.begin(), middle.end(), [&](Index a) {
+        return std::all_of(middles[other].begin(), middles[other].end(), [&](Index b) { return near(a, b); });
+      })) << own;
     }
   }
+  const std::vector<Index> reversed = first_of_neighbours(values.rowwise().reverse());
+  for (std::size_t c = 0; c < first.size(); ++c) {
+    EXPECT_EQ(reversed[399 - c], reversed[399 - static_cast<std::size_t>(first[c])]) << c;
+  }
+  EXPECT_EQ(std::set<Index>(reversed.begin(), reversed.end()).size(), groups.size());
 }
 
 // A slide of a nanometre is as long for its robot as one of a metre.

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <numbers>
 
 #include "base/random.hpp"
@@ -38,17 +39,20 @@ TEST(JointRanges, OfThePublicationAreHalfATurnForTheFirstFourIndependentJoints) 
   EXPECT_EQ(published_ranges({joints[0], joints[2]}), (JointRanges{half, half}));
 }
 
-TEST(RandomConfigurations, AreDrawnJointByJointWithinTheirRanges) {
+// Mean, standard deviation and correlation of uniform numbers that are independent.
+TEST(RandomConfigurations, AreUniformWithinTheirRangesAndIndependentOfEachOther) {
   const JointRanges ranges = {{-1.0, 2.0}, {5.0, 6.0}, {-30.0, -20.0}};
   Random random(3);
-  const Eigen::MatrixXd drawn = random_configurations(ranges, 40, random);
-  Random again(3);
-  for (Eigen::Index c = 0; c < 40; ++c) {
-    for (std::size_t i = 0; i < ranges.size(); ++i) {
-      const double value = drawn(static_cast<Eigen::Index>(i), c);
-      EXPECT_EQ(value, again.uniform(ranges[i].first, ranges[i].second)) << c << " " << i;
-    }
+  Eigen::MatrixXd drawn = random_configurations(ranges, 20000, random);
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const auto [lower, upper] = ranges[static_cast<std::size_t>(i)];
+    EXPECT_GE(drawn.row(i).minCoeff(), lower);
+    EXPECT_LE(drawn.row(i).maxCoeff(), upper);
+    drawn.row(i) = (drawn.row(i).array() - 0.5 * (lower + upper)) * std::sqrt(12.0) / (upper - lower);
   }
+  EXPECT_LT(drawn.rowwise().mean().norm(), 0.03);
+  EXPECT_LT((drawn * drawn.transpose() / 20000.0 - Eigen::Matrix3d::Identity()).norm(), 0.05);
+  EXPECT_LT((drawn.leftCols(19999) * drawn.rightCols(19999).transpose() / 19999.0).norm(), 0.05);
   EXPECT_EQ(random_configurations(ranges, 0, random).cols(), 0);
 }
 
