@@ -8,35 +8,15 @@
 #include <utility>
 #include <vector>
 
-#include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
-#include "diagnosis/alternative_readings.hpp"
-#include "diagnosis/convention_trial.hpp"
-#include "estimation/residual_options.hpp"
-#include "kdl_calibration/input_error.hpp"
-#include "kdl_calibration/measurements.hpp"
+#include "every_header.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/training_rows.hpp"
 #include "mistakes_support.hpp"
-#include "noise/lack_of_fit.hpp"
-#include "noise/noise_components.hpp"
-#include "noise/noise_parts.hpp"
-#include "noise/pseudo_values.hpp"
-#include "planning/experiment.hpp"
 #include "refusal.hpp"
-#include "results/calibrated_urdf.hpp"
-#include "results/result_json.hpp"
-#include "results/result_table.hpp"
-#include "screening/data_quality.hpp"
-#include "two_step/two_step.hpp"
-#include "uncertainty/influence.hpp"
-#include "validation/validation.hpp"
 
 namespace kdl_calibration::input_check_test {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 using testing::Measured;
 using ::testing::Ne;
 
@@ -51,10 +31,6 @@ Estimate rigid_truth() {
   Estimate estimate = sound().truth;
   estimate.effects.resize(0);
   return estimate;
-}
-
-void expect_refused(const std::string& where, const std::function<void()>& call, const std::string& words = "") {
-  EXPECT_THAT(testing::refusal(call), AllOf(Ne("nothing was refused"), HasSubstr(words))) << where;
 }
 
 using Spoil = std::function<void(Measurements&)>;
@@ -90,19 +66,21 @@ TEST(InputCheck, NamesWhatDoesNotHoldTogether) {
   for (const auto& [spoil, words] : spoilt()) {
     Measurements wrong = sound().data;
     spoil(wrong);
-    expect_refused(
-        words, [&] { check(wrong); }, words);
+    EXPECT_REFUSED(words, check(wrong));
   }
 }
 
 using TakesMeasurements = std::pair<std::string, std::function<void(const Measurements&)>>;
 
+/// A call of measurements named d, which stand in it.
+#define TAKES(...) TakesMeasurements(#__VA_ARGS__, [&](const Measurements& d) { static_cast<void>(__VA_ARGS__); })
+
 void expect_all_refuse(const std::vector<TakesMeasurements>& functions) {
-  for (const auto& [name, function] : functions) {
+  for (const TakesMeasurements& function : functions) {
     for (const auto& [spoil, words] : spoilt()) {
       Measurements wrong = sound().data;
       spoil(wrong);
-      expect_refused(name + ": " + words, [&, &call = function] { call(wrong); });
+      EXPECT_REFUSED_WITH(Ne("nothing was refused"), function.second(wrong)) << function.first << ": " << words;
     }
   }
 }
@@ -111,21 +89,18 @@ TEST(InputCheck, FunctionsOfMeasurementsAloneRefuseThoseThatDoNotHoldTogether) {
   const Measured& m = sound();
   const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
   expect_all_refuse({
-      {"register_base_and_targets", [&](const Measurements& d) { register_base_and_targets(X_BF, d); }},
-      {"check_distances", [&](const Measurements& d) { check_distances(d); }},
-      {"make_folds", [&](const Measurements& d) { make_folds(d, 3); }},
-      {"can_be_left_out",
-       [&](const Measurements& d) {
-         can_be_left_out(d, {{0}, {1}}, 33);
-       }},
-      {"averaged", [&](const Measurements& d) { averaged(d); }},
-      {"trained_ranges", [&](const Measurements& d) { trained_ranges(d); }},
-      {"training_sample", [&](const Measurements& d) { training_sample(d, 5); }},
-      {"joined", [&](const Measurements& d) { joined(m.data, d); }},
-      {"joined in front", [&](const Measurements& d) { joined(d, m.data); }},
+      TAKES(register_base_and_targets(X_BF, d)),
+      TAKES(check_distances(d)),
+      TAKES(make_folds(d, 3)),
+      TAKES(can_be_left_out(d, {{0}, {1}}, 33)),
+      TAKES(averaged(d)),
+      TAKES(trained_ranges(d)),
+      TAKES(training_sample(d, 5)),
+      TAKES(joined(m.data, d)),
+      TAKES(joined(d, m.data)),
       {"subset", [&](const Measurements& d) { subset(d, [](const Observation&) { return true; }); }},
-      {"noise_from_repeats", [&](const Measurements& d) { noise_from_repeats(d); }},
-      {"measurements_csv", [&](const Measurements& d) { measurements_csv(d); }},
+      TAKES(noise_from_repeats(d)),
+      TAKES(measurements_csv(d)),
   });
 }
 
@@ -141,104 +116,83 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   calibration.model = m.model;
   calibration.fit.identification.estimate = estimate;
   expect_all_refuse({
-      {"calibrate", [&](const Measurements& d) { calibrate(m.model, d); }},
-      {"nominal_start", [&](const Measurements& d) { nominal_start(m.model, d); }},
-      {"identify_jointly", [&](const Measurements& d) { identify_jointly(m.model, d, estimate, m.free); }},
-      {"identify_robustly",
-       [&](const Measurements& d) {
-         identify_robustly({.model = m.model,
-                            .measurements = d,
-                            .start = estimate,
-                            .free = m.free,
-                            .options = {.loss = Loss::huber}});
-       }},
+      TAKES(calibrate(m.model, d)),
+      TAKES(nominal_start(m.model, d)),
+      TAKES(identify_jointly(m.model, d, estimate, m.free)),
+      TAKES(identify_robustly(
+          {.model = m.model, .measurements = d, .start = estimate, .free = m.free, .options = {.loss = Loss::huber}})),
       {"identify_in_two_steps",
        [&](const Measurements& d) {
          identify_in_two_steps(
              m.model, [&](int) { return d; }, estimate, m.free.geometric());
        }},
-      {"position_errors", [&](const Measurements& d) { position_errors(m.model, estimate, d); }},
-      {"registered", [&](const Measurements& d) { registered(m.model, estimate.errors, d); }},
-      {"iso_9283", [&](const Measurements& d) { iso_9283(m.model, estimate, d); }},
-      {"position_errors of poses", [&](const Measurements& d) { position_errors(X_BF, estimate, d); }},
-      {"iso_9283 of poses", [&](const Measurements& d) { iso_9283(X_BF, estimate, d); }},
-      {"LeastSquaresProblem", [&](const Measurements& d) { LeastSquaresProblem(m.model, d, m.free); }},
-      {"estimate_noise", [&](const Measurements& d) { estimate_noise(m.model, d, estimate, m.free, {}); }},
-      {"test_lack_of_fit", [&](const Measurements& d) { test_lack_of_fit(m.model, d, estimate, m.free); }},
-      {"influence", [&](const Measurements& d) { influence(problem, d, {}, estimate, sqrt_information); }},
-      {"pseudo_values", [&](const Measurements& d) { pseudo_values(m.model, d, estimate, Loss::huber, weights); }},
-      {"cross_validate_nominal",
-       [&](const Measurements& d) {
-         cross_validate_nominal(m.model, d, {{0}, {1}});
-       }},
-      {"configurations_outside_limits", [&](const Measurements& d) { configurations_outside_limits(m.model, d); }},
-      {"information", [&](const Measurements& d) { information(experiment, d); }},
-      {"residuals_csv", [&](const Measurements& d) { residuals_csv(d, calibration); }},
-      {"result_table", [&](const Measurements& d) { result_table(d, calibration); }},
-      {"check_residuals", [&](const Measurements& d) { check_residuals(m.model, d, estimate); }},
-      {"try_conventions", [&](const Measurements& d) { try_conventions(m.model, d, m.free); }},
-      {"alternative_readings", [&](const Measurements& d) { alternative_readings(m.model, d, estimate, m.free); }},
-      {"explained_by_joints", [&](const Measurements& d) { explained_by_joints(m.model, estimate, d); }},
+      TAKES(position_errors(m.model, estimate, d)),
+      TAKES(registered(m.model, estimate.errors, d)),
+      TAKES(iso_9283(m.model, estimate, d)),
+      TAKES(position_errors(X_BF, estimate, d)),
+      TAKES(iso_9283(X_BF, estimate, d)),
+      TAKES(LeastSquaresProblem(m.model, d, m.free)),
+      TAKES(estimate_noise(m.model, d, estimate, m.free, {})),
+      TAKES(test_lack_of_fit(m.model, d, estimate, m.free)),
+      TAKES(influence(problem, d, {}, estimate, sqrt_information)),
+      TAKES(pseudo_values(m.model, d, estimate, Loss::huber, weights)),
+      TAKES(cross_validate_nominal(m.model, d, {{0}, {1}})),
+      TAKES(configurations_outside_limits(m.model, d)),
+      TAKES(information(experiment, d)),
+      TAKES(residuals_csv(d, calibration)),
+      TAKES(result_table(d, calibration)),
+      TAKES(check_residuals(m.model, d, estimate)),
+      TAKES(try_conventions(m.model, d, m.free)),
+      TAKES(alternative_readings(m.model, d, estimate, m.free)),
+      TAKES(explained_by_joints(m.model, estimate, d)),
   });
 }
 
 TEST(InputCheck, RefusesModelsWhosePartsAreNotThere) {
   ErrorModel beyond = sound().model;
   beyond.parameters[0].frame = 6;
-  expect_refused(
-      "joint", [&] { calibrate(beyond, sound().data); }, "the frame of a parameter 6 is not there");
+  EXPECT_REFUSED("the frame of a parameter 6 is not there", calibrate(beyond, sound().data));
   ErrorModel elastic = sound().model;
   elastic.effects = load_terms(elastic);
   elastic.effects[0].index = -1;
-  expect_refused(
-      "effect", [&] { check(elastic); }, "the joint of an effect -1 is not there");
+  EXPECT_REFUSED("the joint of an effect -1 is not there", check(elastic));
   elastic.effects[0].index = 1;
   elastic.effects[0].scale = 0.0;
-  expect_refused(
-      "scale", [&] { check(elastic); }, "an effect has a value that is not finite");
+  EXPECT_REFUSED("an effect has a value that is not finite", check(elastic));
 }
 
 TEST(InputCheck, RefusesDataOfAnotherRobot) {
   Measurements other = sound().data;
   other.joints[2] = "elbow";
-  expect_refused(
-      "names", [&] { check(other, sound().model); }, "another robot");
+  EXPECT_REFUSED("another robot", check(other, sound().model));
   Measurements shorter = sound().data;
   shorter.joints.resize(5);
   shorter.joint_units.clear();
   shorter.joint_values.conservativeResize(5, Eigen::NoChange);
-  expect_refused(
-      "rows", [&] { calibrate(sound().model, shorter); }, "5 joints, expected the robot's 6");
+  EXPECT_REFUSED("5 joints, expected the robot's 6", calibrate(sound().model, shorter));
 }
 
 TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
   const Measured& m = sound();
   Estimate few = rigid_truth();
   few.errors.conservativeResize(3);
-  expect_refused(
-      "errors", [&] { identify_jointly(m.model, m.data, few, m.free); }, "3 errors of an estimate");
+  EXPECT_REFUSED("3 errors of an estimate", identify_jointly(m.model, m.data, few, m.free));
   Estimate one = rigid_truth();
   one.targets.resize(1);
-  expect_refused(
-      "targets", [&] { position_errors(m.model, one, m.data); }, "1 targets of an estimate");
+  EXPECT_REFUSED("1 targets of an estimate", position_errors(m.model, one, m.data));
   Estimate nan = rigid_truth();
   nan.errors[0] = kNaN;
-  expect_refused(
-      "nan", [&] { iso_9283(m.model, nan, m.data); }, "not finite");
+  EXPECT_REFUSED("not finite", iso_9283(m.model, nan, m.data));
   ErrorModel longer = m.model;
   longer.parameters.push_back(longer.parameters.back());
   longer.parameters.back().name += " again";
   const Unknowns beyond = m.free.with(longer, UnknownGroup::geometric, {m.model.parameters.size()});
-  expect_refused(
-      "free", [&] { identify_jointly(m.model, m.data, rigid_truth(), beyond); }, "the free geometric parameter");
+  EXPECT_REFUSED("the free geometric parameter", identify_jointly(m.model, m.data, rigid_truth(), beyond));
   ErrorModel elastic = m.model;
   elastic.effects = load_terms(m.model);
   const Unknowns with_effect = m.free.with(elastic, UnknownGroup::effects, {0});
-  expect_refused(
-      "effect", [&] { identify_jointly(m.model, m.data, rigid_truth(), with_effect); },
-      "the free effect 0 is not there");
-  expect_refused(
-      "corrections", [&] { origin_corrections(m.model, Eigen::VectorXd::Zero(2)); }, "2 errors");
+  EXPECT_REFUSED("the free effect 0 is not there", identify_jointly(m.model, m.data, rigid_truth(), with_effect));
+  EXPECT_REFUSED("2 errors", origin_corrections(m.model, Eigen::VectorXd::Zero(2)));
 }
 
 TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
@@ -255,15 +209,13 @@ TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
     for (std::size_t i = 0; i < changes.size(); ++i) {
       CalibrationSettings options;
       changes[i](options);
-      expect_refused(
-          std::to_string(i), [&] { calibrate(sound().model, sound().data, options); }, "0 or more");
+      EXPECT_REFUSED("0 or more", calibrate(sound().model, sound().data, options)) << i;
     }
   }
   JointOptions weights;
   weights.residuals.row_weights = {1.0, 1.0};
-  expect_refused(
-      "weights", [&] { identify_jointly(sound().model, sound().data, rigid_truth(), sound().free, weights); },
-      "2 weights of rows");
+  EXPECT_REFUSED("2 weights of rows",
+                 identify_jointly(sound().model, sound().data, rigid_truth(), sound().free, weights));
 }
 
 }  // namespace

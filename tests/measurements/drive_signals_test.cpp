@@ -130,12 +130,12 @@ TEST(DriveSignals, AreTakenByConfigurationAndStayEmptyWhereNothingIsKnown) {
 TEST(DriveSignals, OfAnotherSizeAreRefused) {
   Measurements read = parse_measurements("configuration,target,a,b,x,y,z\n1,A,0,0,0,0,0\n", kJoints);
   read.signals.torques = MatrixXd::Zero(2, 2);
-  EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("2 x 2 torques, expected 2 x 1"));
+  EXPECT_REFUSED("2 x 2 torques, expected 2 x 1", averaged(read));
   read.signals.torques = MatrixXd::Zero(3, 1);
-  EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("3 x 1 torques, expected 2 x 1"));
+  EXPECT_REFUSED("3 x 1 torques, expected 2 x 1", averaged(read));
   read.signals.torques.resize(0, 0);
   read.signals.approach = MatrixXd::Constant(2, 1, std::numeric_limits<double>::infinity());
-  EXPECT_THAT(testing::refusal([&] { averaged(read); }), HasSubstr("directions of approach that are infinite"));
+  EXPECT_REFUSED("directions of approach that are infinite", averaged(read));
 }
 
 }  // namespace

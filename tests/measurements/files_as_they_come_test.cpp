@@ -283,7 +283,7 @@ TEST(FilesAsTheyCome, AreRefusedWithTheCureWhereTheyMayMeanTwoThings) {
       {commas + ",rx[mm],ry,rz\n", "m.csv:1: unknown unit 'mm' in column 'rx[mm]': expected [rad], [deg]"},
   };
   for (const Refused& file : all) {
-    EXPECT_THAT(testing::refusal([&] { read(file.arm, file.text); }), StartsWith(file.message)) << file.text;
+    EXPECT_REFUSED_WITH(StartsWith(file.message), read(file.arm, file.text)) << file.text;
   }
 }
 
@@ -306,12 +306,9 @@ TEST(FilesAsTheyCome, NameJointsBeforeAnythingElse) {
     testing::expect_same(parse_measurements(measurements_csv(m), joints), m, false);
     EXPECT_THAT(m.remark, IsEmpty());
   }
-  EXPECT_THAT(testing::refusal([&] {
-                values({"Axis", "aXIS"}, "AXIS,axis");
-              }),
-              StartsWith("measurements:1: unknown column 'AXIS'"));
+  EXPECT_REFUSED_WITH(StartsWith("measurements:1: unknown column 'AXIS'"), values({"Axis", "aXIS"}, "AXIS,axis"));
   for (const std::string name : {"x", "target", "qw", "sigma"}) {
-    EXPECT_THAT(testing::refusal([&] { values({name, "b"}, "a,b"); }), HasSubstr("is named like a column"));
+    EXPECT_REFUSED("is named like a column", values({name, "b"}, "a,b"));
   }
 }
 

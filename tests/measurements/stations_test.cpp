@@ -40,9 +40,9 @@ TEST(StationColumn, OneConfigurationHasOne) {
               HasSubstr("measurements:6: station 'east' differs from line 4: expected one station in all rows of"));
   Measurements wrong = parsed(kFile);
   wrong.observations.front().station = 1;
-  EXPECT_THAT(refusal([&] { check(wrong); }), HasSubstr("rows of several stations"));
+  EXPECT_REFUSED("rows of several stations", check(wrong));
   wrong.observations.front().station = 2;
-  EXPECT_THAT(refusal([&] { check(wrong); }), HasSubstr("station 2 is not there, expected 0 to 1"));
+  EXPECT_REFUSED("station 2 is not there, expected 0 to 1", check(wrong));
 }
 
 TEST(StationColumn, AreAtMostAHundredWithNames) {
@@ -50,9 +50,8 @@ TEST(StationColumn, AreAtMostAHundredWithNames) {
   for (int i = 0; i <= 100; ++i) {
     csv += std::to_string(i) + ",s" + std::to_string(i) + ",A,0.1,1,2,3\n";
   }
-  EXPECT_THAT(refusal([&] { return parsed(csv); }),
-              HasSubstr("measurements:102: one station more than the limit of 100"));
-  EXPECT_THAT(refusal([] { return parsed(kFile + "4,,A,0.2,0,0,0\n"); }), HasSubstr("measurements:6: station ''"));
+  EXPECT_REFUSED("measurements:102: one station more than the limit of 100", parsed(csv));
+  EXPECT_REFUSED("measurements:6: station ''", parsed(kFile + "4,,A,0.2,0,0,0\n"));
 }
 
 TEST(StationColumn, TheSamePoseFromTwoIsNoRepeat) {
@@ -69,7 +68,7 @@ TEST(StationColumn, KeepTheirRowsInSubsetsAndUnions) {
   Measurements unnamed = west;
   unnamed.stations.clear();
   unnamed.observations.front().station = 0;
-  EXPECT_THAT(refusal([&] { return joined(all, unnamed); }), HasSubstr("other stations"));
+  EXPECT_REFUSED("other stations", joined(all, unnamed));
   const StationRows rows = rows_of_station(all, 0);
   EXPECT_THAT(rows.rows, ElementsAre(0U, 1U, 3U));
   EXPECT_EQ(rows.measurements.configurations.size(), 3U);
