@@ -34,8 +34,10 @@ struct Case {
   bool effects = false;       // in the model
   bool free_effects = false;  // and to be estimated
   bool orientations = false;
-  double common = 0.0;   // [m]
-  bool by_axis = false;  // noise of another size along each
+  double common = 0.0;      // [m]
+  bool by_axis = false;     // noise of another size along each
+  bool tracker = false;     // noise along and across its line of sight
+  bool own_sigmas = false;  // stated of some rows
 };
 
 constexpr double kSigma = 1e-4;
@@ -69,8 +71,11 @@ protected:
     measured = measured_with(1);
     options.priors = {.length = 0.002, .angle = 0.003};
     options.noise.independent = kSigma * sizes();
-    options.noise.common = GetParam().common * sizes().reverse();
+    options.noise.common = GetParam().common * (GetParam().by_axis ? Vector3d(2.0, 0.0, 1.0) : Vector3d::Ones());
     options.noise.orientation = GetParam().orientations ? kOrientationSigma : 0.0;
+    if (GetParam().tracker) {
+      options.noise.tracker = TrackerNoise{.range = kSigma, .transverse = kSigma, .transverse_per_metre = 2.0 * kSigma};
+    }
   }
 
   // Twice each, but for some rows; every seventh configuration is held out, and one point was never seen.
@@ -84,7 +89,7 @@ protected:
     Measurements all = experiment.measure(40, {.orientation_sigma = kOrientationSigma, .repeats = 2});
     Random& random = experiment.random;
     for (Observation& o : all.observations) {
-      o.sigma = 0.0;
+      o.sigma = GetParam().own_sigmas && o.configuration % 3 == 0 ? kSigma * (1 + o.target + o.repeat) : 0.0;
       o.split = o.configuration % 7 == 3 ? Split::test : Split::train;
       o.position += kSigma * Vector3d{random.normal(), random.normal(), random.normal()};
     }
@@ -121,9 +126,9 @@ TEST_P(LeastSquares, EquationsAreThoseOfTheRowsWrittenOut) {
   const LeastSquaresProblem problem(model, measured, free, options);
   const testing::DenseFit dense(
       model, measured, free,
-      {.position = [](const Observation&) { return Eigen::Matrix3d((kSigma * sizes()).cwiseAbs2().asDiagonal()); },
+      {.position = [&](const Observation& o) { return point_covariance(options.noise, o); },
        .orientation = [](const Observation&) { return kOrientationSigma * kOrientationSigma; },
-       .common = GetParam().common * sizes().reverse()},
+       .common = options.noise.common},
       options.priors);
   const MatrixXd J = dense.jacobian(truth);
   const VectorXd e = dense.residuals(truth);
@@ -286,6 +291,11 @@ INSTANTIATE_TEST_SUITE_P(
         Case{.name = "orientations_common_noise_by_axis", .orientations = true, .common = 2e-4, .by_axis = true},
         Case{.name = "common_noise", .common = 2e-4}, Case{.name = "by_axis", .by_axis = true},
         Case{.name = "common_noise_by_axis", .common = 2e-4, .by_axis = true},
+        Case{.name = "own_sigmas", .own_sigmas = true},
+        Case{.name = "own_sigmas_common_noise", .common = 2e-4, .own_sigmas = true},
+        Case{.name = "own_sigmas_common_noise_by_axis", .common = 2e-4, .by_axis = true, .own_sigmas = true},
+        Case{.name = "tracker_common_noise", .common = 2e-4, .tracker = true},
+        Case{.name = "tracker_own_sigmas", .common = 2e-4, .tracker = true, .own_sigmas = true},
         Case{.name = "effects_by_axis", .effects = true, .free_effects = true, .common = 2e-4, .by_axis = true}),
     [](const auto& instance) { return std::string(instance.param.name); });
 

@@ -5,8 +5,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "base/random.hpp"
 #include "refusal.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::linear_system_test {
 namespace {
@@ -15,10 +15,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using ::testing::HasSubstr;
-
-MatrixXd random_matrix(Index rows, Index columns, Random& random) {
-  return MatrixXd::NullaryExpr(rows, columns, [&] { return random.normal(); });
-}
+using testing::random_matrix;
 
 TEST(LinearSystem, ScalesInformationToAUnitDiagonal) {
   const Eigen::Vector4d diagonal(4.0, 0.0, 0.25, -1.0);

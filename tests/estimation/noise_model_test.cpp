@@ -97,7 +97,6 @@ TEST(NoiseModel, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
   for (int run = 0; run < runs; ++run) {
     experiment.restart(Random(9, static_cast<std::uint64_t>(run)));
     Random& random = experiment.random;
-    const Estimate& truth = experiment.robot.truth;
     Measurements measured = experiment.measure(30);
     for (Observation& o : measured.observations) {
       const double distance = o.position.norm();
@@ -106,24 +105,13 @@ TEST(NoiseModel, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
       const double across = tracker.transverse + tracker.transverse_per_metre * distance;
       o.position += tracker.range * line.dot(n) * line + across * (n - line.dot(n) * line);
     }
-    const Estimate start = nominal_start(model, measured);
     JointOptions whitened;
     whitened.residuals.noise.tracker = tracker;
-    const Eigen::MatrixXd fresh = experiment.configurations(50);
-    const auto held_out = [&](const Estimate& estimate) {
-      const auto ours = flange_poses(model, estimate, fresh);
-      const auto real = flange_poses(model, truth, fresh);
-      double sum = 0.0;
-      for (std::size_t c = 0; c < ours.size(); ++c) {
-        sum += (estimate.X_WB * (ours[c] * estimate.targets[0].X_FT.translation()) -
-                truth.X_WB * (real[c] * truth.targets[0].X_FT.translation()))
-                   .squaredNorm();
-      }
-      return sum;
-    };
-    const Identification aware = identify_jointly(model, measured, start, free, whitened);
-    with += held_out(aware.estimate);
-    without += held_out(identify_jointly(model, measured, start, free).estimate);
+    const Identification aware = testing::joint_fit(experiment, measured, whitened);
+    const Random fresh = random;  // both at the same configurations
+    with += std::pow(testing::held_out_rms(experiment, aware.estimate, 50), 2);
+    random = fresh;
+    without += std::pow(testing::held_out_rms(experiment, testing::joint_fit(experiment, measured).estimate, 50), 2);
     chi_square += LeastSquaresProblem(model, measured, free, whitened.residuals).linearise(aware.estimate).cost / runs;
   }
   EXPECT_LT(with, 0.9 * without);

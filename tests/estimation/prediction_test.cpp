@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "estimation/identification.hpp"
 #include "model/kinematics.hpp"
 #include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"

@@ -59,11 +59,11 @@ struct Scene {
     return (found.targets[k].X_FT.translation() - robot.truth.targets[k].X_FT.translation()).norm();
   }
   double targets_off(const Registration& found) const {
-    double largest = 0.0;
+    double sum = 0.0;
     for (std::size_t k = 0; k < robot.truth.targets.size(); ++k) {
-      largest = std::max(largest, target_off(found, k));
+      sum += target_off(found, k);
     }
-    return largest;
+    return sum;
   }
 
   VirtualRobot robot;
@@ -145,28 +145,26 @@ struct LooseTool {
   /// What is minimised, with the best orientation of A, no rotation, put in.
   double cost(const Eigen::Isometry3d& base, const std::vector<TargetFrame>& targets, double length,
               double ridge) const {
+    const auto weight = [](const Observation& o) { return o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0; };
     double sum = 0.0;
-    Eigen::Matrix3d mean = Eigen::Matrix3d::Zero();
-    const auto turned = [&](std::size_t row) {
-      const auto c = static_cast<std::size_t>(measured.observations[row].configuration);
-      return Eigen::Matrix3d(X_BF[c].linear().transpose() * base.linear().transpose() *
-                             measured.orientations[row].toRotationMatrix());
-    };
-    double weights = 0.0;
+    std::vector<std::pair<double, Eigen::Matrix3d>> turned;  // weight, and A as the flange and the base state it
     for (std::size_t row = 0; row < measured.observations.size(); ++row) {
       const Observation& o = measured.observations[row];
-      const double weight = o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0;
-      const Eigen::Vector3d point = X_BF[static_cast<std::size_t>(o.configuration)] *
-                                    targets[static_cast<std::size_t>(o.target)].X_FT.translation();
-      sum += weight * (o.position - base * point).squaredNorm();
-      mean += length > 0.0 && o.target == 0 ? Eigen::Matrix3d(weight * turned(row))
-                                            : Eigen::Matrix3d(Eigen::Matrix3d::Zero());
-      weights += o.target == 0 ? weight : 0.0;
+      const Eigen::Isometry3d X_WF = base * X_BF[static_cast<std::size_t>(o.configuration)];
+      const Eigen::Vector3d& in_flange = targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+      sum += weight(o) * (o.position - X_WF * in_flange).squaredNorm();
+      if (length > 0.0 && o.target == 0) {
+        turned.emplace_back(weight(o), X_WF.linear().transpose() * measured.orientations[row].toRotationMatrix());
+      }
     }
-    for (std::size_t row = 0; length > 0.0 && row < measured.observations.size(); row += 3) {
-      const double sigma = measured.observations[row].sigma;
-      sum +=
-          length * length * (sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0) * (turned(row) - mean / weights).squaredNorm();
+    Eigen::Matrix3d mean = Eigen::Matrix3d::Zero();
+    double weights = 0.0;
+    for (const auto& [of_row, R] : turned) {
+      mean += of_row * R;
+      weights += of_row;
+    }
+    for (const auto& [of_row, R] : turned) {
+      sum += length * length * of_row * (R - mean / weights).squaredNorm();
     }
     for (const TargetFrame& target : targets) {
       sum += ridge * target.X_FT.translation().squaredNorm();
