@@ -90,6 +90,21 @@ inline Eigen::VectorXd random_joints(const ErrorModel& model, Random& random) {
   return q;
 }
 
+/// Of independent standard normal numbers, column by column.
+inline Eigen::MatrixXd random_matrix(Eigen::Index rows, Eigen::Index columns, Random& random) {
+  return Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return random.normal(); });
+}
+
+/// The names of parameters, effects or other things that have one.
+template <class Named>
+std::vector<std::string> names_of(const std::vector<Named>& all) {
+  std::vector<std::string> names;
+  for (const Named& one : all) {
+    names.push_back(one.name);
+  }
+  return names;
+}
+
 /// The derivative of a vector f(step) at no step, by central differences: one column for each of the step's
 /// coordinates.
 template <class Function>

@@ -27,14 +27,7 @@ namespace kdl_calibration::joint_effects_test {
 namespace {
 
 using testing::fanuc;
-
-std::vector<std::string> names_of(const std::vector<EffectTerm>& terms) {
-  std::vector<std::string> names;
-  for (const EffectTerm& term : terms) {
-    names.push_back(term.name);
-  }
-  return names;
-}
+using testing::names_of;
 
 /// The function itself, before it is centred and scaled.
 double value_of(const EffectTerm& term, double in_basis) { return in_basis * term.scale + term.mean; }
@@ -430,17 +423,13 @@ TEST(JointEffects, OfTorquesThatWereNotMeasuredAreRefused) {
   DriveSignals& signals = driven.signals;
   EXPECT_TRUE(effect_terms(model, EffectGroup::torque, q).empty());
   model.effects = effect_terms(model, EffectGroup::torque, q, signals);
-  EXPECT_THAT(testing::refusal([&] { effect_basis(model, q); }), ::testing::HasSubstr("no measured torque of joint_1"));
-  EXPECT_THAT(testing::refusal([&] {
-                ArmKinematics(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
-                              Eigen::VectorXd::Ones(12));
-              }),
-              ::testing::HasSubstr("measured torques"));
+  EXPECT_REFUSED_WITH(::testing::HasSubstr("no measured torque of joint_1"), effect_basis(model, q));
+  EXPECT_REFUSED_WITH(::testing::HasSubstr("measured torques"),
+                      ArmKinematics(model, Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
+                                    Eigen::VectorXd::Ones(12)));
   signals.torques(2, 7) = std::nan("");
-  EXPECT_THAT(testing::refusal([&] { effect_basis(model, q, signals); }),
-              ::testing::HasSubstr("joint_3 at configuration number 8"));
-  EXPECT_THAT(testing::refusal([&] { effect_terms(model, EffectGroup::torque, q, signals); }),
-              ::testing::HasSubstr("joint_3"));
+  EXPECT_REFUSED_WITH(::testing::HasSubstr("joint_3 at configuration number 8"), effect_basis(model, q, signals));
+  EXPECT_REFUSED_WITH(::testing::HasSubstr("joint_3"), effect_terms(model, EffectGroup::torque, q, signals));
   signals.torques.row(2).setConstant(std::nan(""));
   EXPECT_EQ(effect_terms(model, EffectGroup::torque, q, signals).size(), 10U) << "one joint has no sensor";
 }

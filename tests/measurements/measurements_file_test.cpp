@@ -16,6 +16,7 @@
 namespace kdl_calibration::measurements_file_test {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -305,7 +306,7 @@ TEST(MeasurementsRows, TwinsAreFoundWhereverTheyStandAmongRowsInOrder) {
 }
 
 TEST(MeasurementsRows, ConvertedValuesReach1e12) {
-  JointConvention convention{.name = "c", .controller_joints = {"P", "S"}, .urdf_joints = kTwo};
+  JointConvention convention{.name = "c.json", .controller_joints = {"P", "S"}, .urdf_joints = kTwo};
   convention.matrix = Eigen::Vector2d(1.0, 2.0).asDiagonal();
   convention.offset = Eigen::Vector2d::Zero();
   const auto refused = [&](const std::string& p, const std::string& s) {
@@ -313,7 +314,8 @@ TEST(MeasurementsRows, ConvertedValuesReach1e12) {
     return testing::refusal([&] { parse_measurements(row, kTwo, &convention, "m.csv"); });
   };
   EXPECT_EQ(refused("1e12", "5e11"), kTaken);
-  EXPECT_THAT(refused("0", "5.00000001e11"), StartsWith("m.csv:3: joint values out of range"));
+  EXPECT_THAT(refused("0", "5.00000001e11"),
+              AllOf(StartsWith("m.csv:3: joint values out of range"), HasSubstr("c.json")));
 }
 
 TEST(MeasurementsRows, FollowersMayBeRoundedByWhatBothColumnsLose) {

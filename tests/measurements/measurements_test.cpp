@@ -146,12 +146,8 @@ TEST(Measurements, TakesDefaultsForEmptyOptionalCells) {
   EXPECT_TRUE(m.orientations[2].coeffs().array().isNaN().all());
 }
 
-TEST(Measurements, HasNoOrientationsWhereTheirColumnsAreEmpty) {
-  const Measurements m = parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,,,,\n");
-  EXPECT_THAT(m.orientations, IsEmpty());
-}
-
-TEST(Measurements, NormalisesQuaternionsAndKeepsTheirSign) {
+TEST(Measurements, NormalisesQuaternionsKeepsTheirSignAndHasNoneWhereTheirColumnsAreEmpty) {
+  EXPECT_THAT(parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,,,,\n").orientations, IsEmpty());
   const Measurements m =
       parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,-0.5005,0.5005,0.5005,0.5005\n");
   EXPECT_NEAR((m.orientations[0].coeffs() - Eigen::Vector4d(0.5, 0.5, 0.5, -0.5)).norm(), 0.0, 1e-15);
@@ -184,11 +180,6 @@ TEST(Measurements, KeepsGroupsTogetherInAnyOrderOfRows) {
   EXPECT_EQ(m.joint_values, (Eigen::Matrix2d() << 1, 3, 2, 4).finished());
 }
 
-TEST(Measurements, ReadsAJointWhoseNameEndsInBrackets) {
-  const Measurements m = parse_measurements("configuration,target,axis[1],x,y,z\nc,A,0.5,1,2,3\n", {"axis[1]"});
-  EXPECT_EQ(m.joint_values(0, 0), 0.5);
-}
-
 TEST(Measurements, ReadsALargeFilePieceByPiece) {
   std::string csv = "# " + std::string(1000, '-') + "\n" + kHeader;
   for (int i = 0; csv.size() < (std::size_t{9} << 20U); ++i) {
@@ -215,17 +206,17 @@ TEST(Measurements, ReadsAFileOfLinesThatAreAsLongAsLinesMayBe) {
   EXPECT_EQ(read.configurations.back(), "c13");
 }
 
-TEST(Measurements, AJointsOwnNameMayEndInAUnit) {
-  const Measurements m =
-      parse_measurements("configuration,target,turn[deg],slide,x,y,z\nc,A,1.5,0.25,1,2,3\n", {"turn[deg]", "slide"});
+TEST(Measurements, AJointsOwnNameMayEndInAUnitOrOtherBrackets) {
+  const Measurements m = parse_measurements("configuration,target,turn[deg],axis[1],x,y,z\nc,A,1.5,0.25,1,2,3\n",
+                                            {"turn[deg]", "axis[1]"});
   EXPECT_EQ(m.joint_values, Eigen::Vector2d(1.5, 0.25));
   EXPECT_THAT(m.joint_units, IsEmpty());
 }
 
 TEST(MeasurementsInput, MissingFileIsNamedWithTheReason) {
-  EXPECT_THAT(message_of([] { read_measurements("/no/such/file.csv", kJoints); }),
-              AllOf(StartsWith("/no/such/file.csv: cannot be opened"), HasSubstr("No such file")));
-  EXPECT_THAT(message_of([] { read_measurements("/", kJoints); }), AllOf(StartsWith("/: "), HasSubstr("directory")));
+  EXPECT_REFUSED_WITH(AllOf(StartsWith("/no/such/file.csv: cannot be opened"), HasSubstr("No such file")),
+                      read_measurements("/no/such/file.csv", kJoints));
+  EXPECT_REFUSED_WITH(AllOf(StartsWith("/: "), HasSubstr("directory")), read_measurements("/", kJoints));
 }
 
 TEST(MeasurementsInput, EmptyFileAndHeaderAloneAreRefused) {
@@ -241,13 +232,9 @@ TEST(MeasurementsInput, UnknownJointListsTheExpectedOnesAndHintsAtAConvention) {
                     HasSubstr("need --joint-convention")));
 }
 
-TEST(MeasurementsInput, NamelessColumnsAreRefused) {
-  EXPECT_THAT(csv_message(replaced(kHeader, "target", "")), StartsWith("m.csv:1: column 2 has no name"));
-}
-
 TEST(MeasurementsInput, JointNamedLikeAnotherColumnIsRefused) {
-  EXPECT_THAT(message_of([] { parse_measurements("configuration,target,x,y,z\n", {"x"}, nullptr, "m.csv"); }),
-              AllOf(HasSubstr("joint 'x'"), HasSubstr("joint convention")));
+  EXPECT_REFUSED_WITH(AllOf(HasSubstr("joint 'x'"), HasSubstr("joint convention")),
+                      parse_measurements("configuration,target,x,y,z\n", {"x"}, nullptr, "m.csv"));
 }
 
 TEST(MeasurementsInput, RaggedRowTellsBothCounts) {
@@ -257,7 +244,8 @@ TEST(MeasurementsInput, RaggedRowTellsBothCounts) {
   EXPECT_THAT(row_message("c1;A;1;2;3;4;5\n"), HasSubstr("1 fields, expected 7"));
 }
 
-TEST(MeasurementsInput, ValueBehindTheLastColumnIsRefused) {
+TEST(MeasurementsInput, ColumnsWithoutANameAreEmptyAndLast) {
+  EXPECT_THAT(csv_message(replaced(kHeader, "target", "")), StartsWith("m.csv:1: column 2 has no name"));
   EXPECT_THAT(csv_message(replaced(kHeader, "\n", ",\n") + "c1,A,1,2,3,4,5,6\n"),
               StartsWith("m.csv:2: value '6' in a column without a name"));
 }
@@ -319,13 +307,10 @@ TEST(MeasurementsInput, MessagesStayOnOneLineWhateverTheHeaderHolds) {
               StartsWith("m.csv:2: joint_1[rad\\x09] 'a' is not a number"));
 }
 
-TEST(MeasurementsInput, OneConfigurationHasOneSetOfJointValues) {
+TEST(MeasurementsInput, OneConfigurationHasOneSetOfJointValuesAndIsWhollyTrainOrTest) {
   EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc2,A,1,2,3,4,5\nc1,B,1,2.001,3,4,5\n"),
               AllOf(StartsWith("m.csv:4: joint_2[rad] '2.001' differs from line 2"), HasSubstr("configuration 'c1'")));
   EXPECT_THAT(row_message("c1,A,1,2,3,4,5\nc1,B,1.5,2,3,4,5\n"), StartsWith("m.csv:3: joint_1[rad] '1.5' differs"));
-}
-
-TEST(MeasurementsInput, OneConfigurationIsWhollyTrainOrTest) {
   const std::string header = replaced(kHeader, "\n", ",split\n");
   EXPECT_THAT(csv_message(header + "c1,A,1,2,3,4,5,train\nc1,B,1,2,3,4,5,test\n"),
               AllOf(StartsWith("m.csv:3: split 'test' differs from line 2"), HasSubstr("configuration 'c1'")));
@@ -363,7 +348,7 @@ TEST(MeasurementsInput, LimitsSayTheirSize) {
   EXPECT_THAT(csv_message(kHeader + longest + "#\nc1,A,1,2,3,4,5\n"),
               AllOf(StartsWith("m.csv:2: "), HasSubstr("1 MiB")));
   const TemporaryFile file("endless.csv", kHeader + std::string(std::size_t{10} << 20U, '1'));
-  EXPECT_THAT(message_of([&] { read_measurements(file.path(), kJoints); }), HasSubstr(":2: the line is longer"));
+  EXPECT_REFUSED(":2: the line is longer", read_measurements(file.path(), kJoints));
   EXPECT_THAT(csv_message(replaced(kHeader, "\n", std::string(10000, ',') + "\n")),
               HasSubstr("limit of 10000 columns"));
 }
@@ -426,8 +411,10 @@ const std::string kPendant =
     R"({"description": "J2 counts from above", "controller_joints": ["J1", "J2"], "urdf_joints": ["joint_1", "joint_2"],
         "matrix": [[1, 0], [1, -2]], "offset": [0, 0.5]})";
 
+JointConvention pendant() { return parse_joint_convention(kPendant, "c.json"); }
+
 TEST(JointConventions, ConvertControllerValuesToTheUrdf) {
-  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
+  const JointConvention convention = pendant();
   EXPECT_EQ(convention.name, "c.json");
   EXPECT_THAT(convention.controller_joints, ElementsAre("J1", "J2"));
   const Measurements m = parse_measurements(
@@ -459,17 +446,13 @@ TEST(JointConventions, OffsetIsZeroWhereAbsent) {
 }
 
 TEST(JointConventions, RefuseOtherJointsThanTheChains) {
-  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
-  EXPECT_THAT(message_of([&] {
-                matched_convention(convention, {"joint_1", "other"});
-              }),
-              AllOf(StartsWith("c.json: key 'urdf_joints'"), HasSubstr("joint_1, other")));
-  EXPECT_THAT(message_of([&] { matched_convention(convention, {"joint_1"}); }),
-              HasSubstr("expected the moving joints"));
+  EXPECT_REFUSED_WITH(AllOf(StartsWith("c.json: key 'urdf_joints'"), HasSubstr("joint_1, other")),
+                      matched_convention(pendant(), {"joint_1", "other"}));
+  EXPECT_REFUSED("expected the moving joints", matched_convention(pendant(), {"joint_1"}));
 }
 
 TEST(JointConventions, RefuseColumnsWithTheUrdfsNames) {
-  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
+  const JointConvention convention = pendant();
   EXPECT_THAT(csv_message(kHeader + "c,A,1,2,3,4,5\n", &convention),
               AllOf(StartsWith("m.csv:1: column 'joint_1[rad]' has the URDF's joint name"), HasSubstr("c.json"),
                     HasSubstr("J1, J2"), Not(HasSubstr("need --joint-convention"))));
@@ -477,15 +460,8 @@ TEST(JointConventions, RefuseColumnsWithTheUrdfsNames) {
               AllOf(HasSubstr("unknown column 'A1[rad]'"), Not(HasSubstr("need --joint-convention"))));
 }
 
-TEST(JointConventions, RefuseValuesThatOverflow) {
-  const JointConvention convention = parse_joint_convention(kPendant, "c.json");
-  EXPECT_THAT(csv_message("configuration,target,J1,J2,x,y,z\nc,A,1,2,3,4,5\nd,A,0,1e12,3,4,5\n", &convention),
-              AllOf(StartsWith("m.csv:3: joint values out of range"), HasSubstr("c.json")));
-}
-
 TEST(JointConventions, BadFilesAreNamed) {
-  EXPECT_THAT(message_of([] { read_joint_convention("/no/such.json"); }),
-              StartsWith("/no/such.json: cannot be opened"));
+  EXPECT_REFUSED_WITH(StartsWith("/no/such.json: cannot be opened"), read_joint_convention("/no/such.json"));
   const TemporaryFile file("convention.json", kPendant);
   EXPECT_EQ(read_joint_convention(file.path()).name, file.path().string());
   EXPECT_THAT(convention_message(""), StartsWith("c.json:1: malformed JSON"));
@@ -608,13 +584,13 @@ TEST(MeasurementsCsv, RefusesLabelsThatTheFormatCannotHold) {
   Measurements m = parse(kHeader + "c1,A,0,0,0,0,0\n");
   m.source = "m.csv";
   m.configurations[0] = "a\nb";
-  EXPECT_THAT(message_of([&] { measurements_csv(m); }), HasSubstr("configuration 'a\\x0ab' has a control character"));
+  EXPECT_REFUSED("configuration 'a\\x0ab' has a control character", measurements_csv(m));
   m.configurations[0] = "c1";
   m.targets[0] = "";
-  EXPECT_THAT(message_of([&] { measurements_csv(m); }), HasSubstr("target '' is empty"));
+  EXPECT_REFUSED("target '' is empty", measurements_csv(m));
   m.targets[0] = "A";
   m.joints[1] = "x";
-  EXPECT_THAT(message_of([&] { measurements_csv(m); }), HasSubstr("joint 'x' is named like a column"));
+  EXPECT_REFUSED("joint 'x' is named like a column", measurements_csv(m));
 }
 
 TEST(MeasurementsSubset, KeepsTheChosenRowsAndDropsEmptyConfigurations) {
@@ -824,7 +800,7 @@ TEST(ApproachDirections, CountEachVisitOnceAndKeepTheOrderOfTheFileAmongEquals) 
   EXPECT_TRUE(std::isnan(first(0, 1)));
   Measurements fewer = m;
   fewer.order.pop_back();
-  EXPECT_THAT(message_of([&] { approach_directions(fewer); }), HasSubstr("5 places in the order, expected 6"));
+  EXPECT_REFUSED("5 places in the order, expected 6", approach_directions(fewer));
 }
 
 TEST(TrainedRanges, AreThoseOfTheTrainingRows) {
@@ -884,12 +860,11 @@ TEST(JoinedMeasurements, AreOfTheSameJointsAndTargets) {
   EXPECT_THAT(joined(nameless, m).joints, IsEmpty());
   Measurements others = m;
   others.joints[1] = "other";
-  EXPECT_THAT(message_of([&] { joined(m, others); }),
-              HasSubstr("the second measurements have other joints or targets"));
+  EXPECT_REFUSED("the second measurements have other joints or targets", joined(m, others));
   Measurements more = nameless;
   more.joint_values.conservativeResize(3, Eigen::NoChange);
   more.joint_values.row(2).setZero();
-  EXPECT_THAT(message_of([&] { joined(m, more); }), HasSubstr("3 joints of the second measurements, expected 2"));
+  EXPECT_REFUSED("3 joints of the second measurements, expected 2", joined(m, more));
 }
 
 TEST(MeasurementsCheck, SaysWhatIsWrongWithWhichRow) {
@@ -943,10 +918,10 @@ TEST(TrainingRows, OfWhatDoesNotHoldTogetherAreRefusedBeforeAnyIsTaken) {
   const Measurements sound = rows_of({{0, 0, 1, 0, 1}, {1, 0, 1, 1, 2}, {2, 0, 1, 0, 3}});
   Measurements fewer = sound;
   fewer.orientations = {Eigen::Quaterniond::Identity()};
-  EXPECT_THAT(message_of([&] { TrainingRows rows(fewer); }), HasSubstr("1 orientations, expected 3"));
+  EXPECT_REFUSED("1 orientations, expected 3", TrainingRows(fewer));
   Measurements more = sound;
   more.order.assign(5, 1);
-  EXPECT_THAT(message_of([&] { TrainingRows rows(more); }), HasSubstr("5 places in the order, expected 3"));
+  EXPECT_REFUSED("5 places in the order, expected 3", TrainingRows(more));
 }
 
 TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
@@ -973,11 +948,8 @@ TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
   EXPECT_THAT(training.among_all({1, 5, 6}, 0.0), ElementsAre(1, 0, 0, 0, 5, 6));
   EXPECT_TRUE(training.values_of({}).empty());
   EXPECT_TRUE(training.among_all({}, 0.0).empty());
-  EXPECT_THAT(message_of([&] { static_cast<void>(training.values_of({1.0})); }), HasSubstr("1 values of rows"));
-  EXPECT_THAT(message_of([&] {
-                static_cast<void>(training.among_all({1.0, 2.0}, 0.0));
-              }),
-              HasSubstr("2 values of training rows, expected 3"));
+  EXPECT_REFUSED("1 values of rows", training.values_of({1.0}));
+  EXPECT_REFUSED("2 values of training rows, expected 3", training.among_all({1.0, 2.0}, 0.0));
 }
 
 TEST(JointConventions, RandomDamageGivesAResultOrAnInputError) {

@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <map>
 #include <set>
@@ -81,17 +80,18 @@ TEST(SamePoses, HaveNeighboursNearOneOfThemInGroupsApartWhateverTheOrder) {
   }
   EXPECT_LT(groups.size(), 395U);
   std::vector<std::vector<Index>> middles;
-  for (const auto& [own, members] : groups) {
-    EXPECT_EQ(own, members.front());
+  for (const auto& group : groups) {
+    const std::vector<Index>& members = group.second;
+    EXPECT_EQ(group.first, members.front());
     std::vector<Index>& middle = middles.emplace_back();
     std::copy_if(members.begin(), members.end(), std::back_inserter(middle), [&](Index a) {
       return std::all_of(members.begin(), members.end(), [&](Index b) { return near(a, b); });
     });
-    EXPECT_FALSE(middle.empty()) << own;
+    EXPECT_FALSE(middle.empty()) << group.first;
     for (std::size_t other = 0; other + 1 < middles.size(); ++other) {
       EXPECT_FALSE(std::all_of(middle.begin(), middle.end(), [&](Index a) {
         return std::all_of(middles[other].begin(), middles[other].end(), [&](Index b) { return near(a, b); });
-      })) << own;
+      })) << group.first;
     }
   }
   const std::vector<Index> reversed = first_of_neighbours(values.rowwise().reverse());

@@ -2,8 +2,6 @@
 
 #include <gmock/gmock.h>
 
-#include <cmath>
-
 #include "model/error_chains.hpp"
 #include "model/parameters.hpp"
 #include "support.hpp"
@@ -19,13 +17,9 @@ using testing::kdl_pose;
 
 TEST(ErrorModel, CompleteModelIsThePublishedOne) {
   const ErrorModel model = complete_model(fanuc());
-  std::vector<std::string> names;
-  for (const ErrorParameter& parameter : model.parameters) {
-    if (parameter.name.back() != '0') {  // link 0 is the base's own
-      names.push_back(parameter.name);
-    }
-  }
-  EXPECT_THAT(names, ElementsAre("dq1", "dq2", "dq3", "dq4", "dq5", "dq6",  //
+  std::vector<std::string> names = testing::names_of(model.parameters);
+  std::erase_if(names, [](const std::string& name) { return name.back() == '0'; });  // link 0 is the base's own
+  EXPECT_THAT(names, ElementsAre("dq1", "dq2", "dq3", "dq4", "dq5", "dq6",           //
                                  "Tx1", "Ty1", "Rx1", "Ry1", "Tz2", "Ty2", "Rz2", "Ry2", "Tz3", "Ty3", "Rz3", "Ry3",
                                  "Tz4", "Tx4", "Rz4", "Rx4", "Tz5", "Ty5", "Rz5", "Ry5", "Tz6", "Tx6", "Rz6", "Rx6"));
 }

@@ -35,20 +35,13 @@ std::vector<std::string> geometric(const Reduction& reduction) {
   return names;
 }
 
-std::vector<std::string> gauge_names(const Reduction& reduction) {
-  std::vector<std::string> names;
-  for (const GaugeParameter& parameter : reduction.gauge) {
-    names.push_back(parameter.name);
-  }
-  return names;
-}
 const std::vector<std::string> kPublished = {"dq2", "dq3", "dq4", "dq5", "Tx1", "Ty1", "Ry1", "Tz2", "Rz2",
                                              "Ry2", "Tz3", "Ty3", "Rz3", "Tz4", "Tx4", "Rz4", "Tz5", "Rz5"};
 
 TEST(Reduction, ReducesToThePublishedIrreducibleModelWithThreeTargets) {
   const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(3));
   EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
-  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+  EXPECT_THAT(testing::names_of(reduction.gauge), ElementsAre("dq1", "dq6"));
   EXPECT_THAT(reduction.gauge[0].tied_to, ElementsAre("base.Rz"));
   EXPECT_EQ(reduction.rank, 33);
   EXPECT_EQ(reduction.kept.size(), 33U);
@@ -62,7 +55,7 @@ TEST(Reduction, AdaptsToOneAndTwoTargets) {
     const Reduction reduction = reduced_model(complete_model(fanuc()), generic_targets(targets));
     EXPECT_EQ(reduction.rank, 24 + 3 * targets);
     EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
-    EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+    EXPECT_THAT(testing::names_of(reduction.gauge), ElementsAre("dq1", "dq6"));
   }
 }
 
@@ -71,7 +64,7 @@ TEST(Reduction, AJointThatMovesNoTargetIsGauge) {
   on_last_axis.X_FT.translation() = Eigen::Vector3d(0.0, 0.1, 0.0);
   const Reduction reduction = reduced_model(complete_model(fanuc()), {on_last_axis});
   EXPECT_EQ(reduction.rank, 25);  // nor do Tz5 and Rz5 do anything that the target's coordinates do not
-  EXPECT_THAT(gauge_names(reduction), ElementsAre("dq1", "dq6"));
+  EXPECT_THAT(testing::names_of(reduction.gauge), ElementsAre("dq1", "dq6"));
 }
 
 TEST(Reduction, NamesWhatReplacesADroppedParameter) {
@@ -190,7 +183,7 @@ TEST(Reduction, TargetsTenNanometresBesideALineAreOnTheLine) {
     for (const double offset : {1e-9, 1e-8}) {
       const Reduction beside = reduced(start, along, offset / 0.1 * aside);
       EXPECT_EQ(beside.kept, on_line.kept) << along.transpose() << ", " << offset;
-      EXPECT_EQ(gauge_names(beside), gauge_names(on_line));
+      EXPECT_EQ(testing::names_of(beside.gauge), testing::names_of(on_line.gauge));
     }
   }
 }

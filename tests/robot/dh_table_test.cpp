@@ -8,7 +8,6 @@
 #include <fstream>
 #include <sstream>
 
-#include "base/text.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <string>
 #include <vector>
 
 #include "base/decompositions.hpp"
@@ -39,7 +38,7 @@ using testing::without_sigmas;
 
 MatrixXd random_matrix(Index rows, Index columns, unsigned seed) {
   Random random(61, seed);
-  return MatrixXd::NullaryExpr(rows, columns, [&] { return random.normal(); });
+  return testing::random_matrix(rows, columns, random);
 }
 
 // Two columns of which the smaller singular value is this share of the larger, in any unit.

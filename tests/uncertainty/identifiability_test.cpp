@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "base/random.hpp"
 #include "refusal.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::identifiability_test {
 namespace {
@@ -18,7 +18,7 @@ using ::testing::UnorderedElementsAre;
 
 Eigen::MatrixXd random_matrix(Eigen::Index rows, Eigen::Index columns) {
   Random random(1);
-  return Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return random.normal(); });
+  return testing::random_matrix(rows, columns, random);
 }
 
 TEST(Identifiability, SingularValuesAreThoseOfUnitColumnsWhateverTheirUnits) {

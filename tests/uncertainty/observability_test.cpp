@@ -5,7 +5,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "base/random.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::observability_test {
 namespace {
@@ -30,15 +30,16 @@ void expect_indices(const MatrixXd& jacobian, const VectorXd& s, double configur
   EXPECT_NEAR(found.O5, 1.0 / inverses, 1e-10 * most);
 }
 
+MatrixXd random_rotation(Index size, Random& random) {
+  return testing::random_matrix(size, size, random).householderQr().householderQ();
+}
+
 // U diag(s) V^T with more rows than columns, as many, and one of a kind.
 TEST(Observability, IndicesAreThoseOfTheSingularValues) {
   Random random(3);
-  for (const int rows : {5, 4}) {
-    const MatrixXd U = Eigen::HouseholderQR<MatrixXd>(MatrixXd::NullaryExpr(rows, rows, [&] {
-                         return random.normal();
-                       })).householderQ();
-    const MatrixXd V =
-        Eigen::HouseholderQR<MatrixXd>(MatrixXd::NullaryExpr(4, 4, [&] { return random.normal(); })).householderQ();
+  for (const Index rows : {5, 4}) {
+    const MatrixXd U = random_rotation(rows, random);
+    const MatrixXd V = random_rotation(4, random);
     const Eigen::Vector4d s(7.0, 3.0, 0.5, 0.02);
     expect_indices(U.leftCols(4) * s.asDiagonal() * V.transpose(), s, 6.0);
   }
@@ -49,11 +50,8 @@ TEST(Observability, IndicesAreThoseOfTheSingularValues) {
 TEST(Observability, IndicesOfManyColumnsAreThoseOfTheSingularValues) {
   Random random(4);
   for (const Index columns : {100, 101, 150}) {
-    const MatrixXd U = Eigen::HouseholderQR<MatrixXd>(MatrixXd::NullaryExpr(columns, columns, [&] {
-                         return random.normal();
-                       })).householderQ();
     const VectorXd s = VectorXd::LinSpaced(columns, 9.0, 1e-3);
-    expect_indices(U * s.asDiagonal(), s, 40.0);
+    expect_indices(random_rotation(columns, random) * s.asDiagonal(), s, 40.0);
   }
 }
 
