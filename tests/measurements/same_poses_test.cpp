@@ -64,6 +64,9 @@ TEST(SamePoses, HaveNeighboursWithinThreeDegreesOrATwentiethOfTheRange) {
   EXPECT_EQ(first_of_neighbours(steps * testing::kDegree), (std::vector<Index>{0, 0, 0, 3, 4}));
   EXPECT_EQ(first_of_neighbours(Eigen::MatrixXd::Constant(3, 4, 0.7)), (std::vector<Index>{0, 0, 0, 0}));
   EXPECT_TRUE(first_of_neighbours(Eigen::MatrixXd(2, 0)).empty());
+  // The third one is near to both others, which are apart: it joins the first.
+  const Eigen::Matrix2Xd between{{0.0, 0.08, 0.045, 2.0}, {0.0, 0.0, 0.049, 2.0}};
+  EXPECT_EQ(first_of_neighbours(between), (std::vector<Index>{0, 1, 0, 3}));
 }
 
 // A group has a member that all others are near to. If two groups had such members near to each other, they would be

@@ -10,6 +10,7 @@
 
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "robot/joint_ranges.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::urdf_reading_test {
@@ -20,15 +21,6 @@ using ::testing::ElementsAre;
 using testing::fanuc;
 using testing::kDegree;
 using testing::kdl_pose;
-
-/// Uniform within the limits.
-Eigen::VectorXd joints_within_limits(const Robot& robot, Random& random) {
-  Eigen::VectorXd q(static_cast<Eigen::Index>(robot.joints.size()));
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-    q[static_cast<Eigen::Index>(i)] = random.uniform(robot.joints[i].lower.value(), robot.joints[i].upper.value());
-  }
-  return q;
-}
 
 JointConvention convention(const std::string& name) {
   return read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_" + name + ".json");
@@ -41,23 +33,16 @@ Eigen::VectorXd urdf_joints(const JointConvention& convention, const Eigen::Vect
 Eigen::VectorXd six(const std::array<double, 6>& values) { return Eigen::Map<const Eigen::VectorXd>(values.data(), 6); }
 
 /// Wrist centre [mm] at each J3 of its range, in steps of 0.02 degrees, J3 relative to the upper arm.
-std::vector<KDL::Vector> wrist_centres(double j2) {
+Eigen::Matrix3Xd wrist_centres(double j2) {
   const Robot robot = load_robot(std::string(URDF_DIR) + "/fanuc_r2000ic_165f.urdf", {.base = "", .tip = "link_5"});
   const JointConvention serial = convention("serial");
-  std::vector<KDL::Vector> centres;
-  for (int step = 0; step <= 312 * 50; ++step) {
-    const Eigen::VectorXd q = urdf_joints(serial, six({0, j2, -132 + step / 50.0, 0, 0, 0}) * kDegree);
-    centres.push_back(1000.0 * kdl_pose(robot.chain, q.head(5)).p);
+  Eigen::Matrix3Xd centres(3, 312 * 50 + 1);
+  for (Eigen::Index step = 0; step < centres.cols(); ++step) {
+    const double j3 = -132.0 + static_cast<double>(step) / 50.0;
+    const Eigen::VectorXd q = urdf_joints(serial, six({0, j2, j3, 0, 0, 0}) * kDegree);
+    centres.col(step) = 1000.0 * to_eigen(kdl_pose(robot.chain, q.head(5)).p);
   }
   return centres;
-}
-
-double largest(const std::vector<KDL::Vector>& points, int coordinate, double sign = 1.0) {
-  double value = sign * points.front()[coordinate];
-  for (const KDL::Vector& point : points) {
-    value = std::max(value, sign * point[coordinate]);
-  }
-  return value;
 }
 
 TEST(FanucUrdf, HasTheLinksAndJointsByTheirNames) {
@@ -92,9 +77,9 @@ TEST(FanucUrdf, HasTheRangesAndSpeedsOfTheDataSheet) {
 // said of the line from the axis of J3 to the wrist centre: its length is hypot(225, 1280) = 1299.6 mm.
 
 TEST(FanucDataSheet, WristCentreReachesForwardUpAndBack) {
-  EXPECT_NEAR(largest(wrist_centres(76), 1), 2654.7, 0.05);
-  EXPECT_NEAR(largest(wrist_centres(0), 2), 3044.6, 0.05);
-  EXPECT_NEAR(largest(wrist_centres(-60), 1, -1.0), 1918.6, 0.05);
+  EXPECT_NEAR(wrist_centres(76).row(1).maxCoeff(), 2654.7, 0.05);
+  EXPECT_NEAR(wrist_centres(0).row(2).maxCoeff(), 3044.6, 0.05);
+  EXPECT_NEAR(-wrist_centres(-60).row(1).minCoeff(), 1918.6, 0.05);
 }
 
 TEST(FanucConvention, SerialTurnsTheSignsOfJ2J4AndJ6AndPendantAddsJ2ToTheThirdJoint) {
@@ -132,8 +117,8 @@ TEST(FanucUrdfOnRealData, PutsTheFlangeWhereRosIndustrialPutsIt) {
   const KDL::Rotation turn(0, -1, 0, 1, 0, 0, 0, 0, 1);
   const JointConvention signs = convention("serial");
   Random random(2);
-  for (int i = 0; i < 1000; ++i) {
-    const Eigen::VectorXd controller = joints_within_limits(theirs, random);
+  const Eigen::MatrixXd controllers = random_configurations(limits_of(theirs.joints), 1000, random);
+  for (const auto& controller : controllers.colwise()) {
     const KDL::Frame expected = kdl_pose(theirs.chain, controller);
     const KDL::Frame pose = kdl_pose(ours.chain, urdf_joints(signs, controller));
     ASSERT_LE(difference(pose, KDL::Frame(turn * expected.M * turn.Inverse(), turn * expected.p)), 1e-12);
