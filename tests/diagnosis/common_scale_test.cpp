@@ -94,8 +94,8 @@ TEST(StationScales, AreDoubtedByName) {
   ASSERT_FALSE(found.doubts().empty());
   EXPECT_EQ(found.doubts()[0].cause, Cause::scale);
   EXPECT_THAT(found.doubts()[0].message,
-              AllOf(HasSubstr("lengths of stations 'L31', 'L18'"),
-                    HasSubstr("contradict those of the other stations"), HasSubstr("0.98"), HasSubstr("1.02")));
+              AllOf(HasSubstr("lengths of stations 'L31', 'L18'"), HasSubstr("contradict those of the other stations"),
+                    HasSubstr("0.98"), HasSubstr("1.02")));
 }
 
 }  // namespace
