@@ -130,13 +130,13 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
 // the other, all without the part that the unknowns explain.
 StationScales scales_of_stations(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                                  const Unknowns& free) {
-  constexpr std::size_t kMostSampled = 3000;
+  constexpr std::size_t kMostConfigurations = 3000;
   constexpr double kStep = 1e-3;
   constexpr double kLeastPivot = 1e-9;   // of what the unknowns explain
   constexpr double kLeastShown = 1e-6;   // share of c^2
   constexpr double kFalseAlarms = 1e-4;  // among all stations
   const auto count = std::ssize(measurements.stations);
-  const TrialSample sample = trial_sample(model, measurements, free, kMostSampled);
+  const TrialSample sample = trial_sample(model, measurements, free, kMostConfigurations);
   const auto whitened = [&](double factor) {
     return LeastSquaresProblem(model, longer(sample.measurements, factor), sample.free).whitened(fit);
   };
