@@ -1,8 +1,10 @@
+#include <algorithm>
 
 #include "calibration/calibration_result.hpp"
 #include "cli_support.hpp"
 #include "json_support.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "printed_text.hpp"
 #include "virtual_experiment.hpp"
 
 namespace kdl_calibration::testing::kdlcal_test {
@@ -32,6 +34,23 @@ TEST_F(Usage, HelpShowsAnExampleOfEverySubcommandThatWorksAndNoOther) {
     EXPECT_EQ(own.err, "") << name;
     EXPECT_THAT(own.out, AllOf(HasSubstr("Example:\n  kdlcal " + name + " "), HasSubstr("--urdf"), HasSubstr("--json"),
                                HasSubstr("--config FILE")));
+  }
+}
+
+TEST_F(Usage, TheNextStepThatCalibrateNamesRuns) {
+  succeed(words_of("simulate --noise 3e-5 --output m.csv"));
+  write("NEW.csv", text_of("m.csv"));
+  for (const std::string written : {"--output c.urdf", "--result r.json", "--result s.json --tip flange"}) {
+    std::string text = run(words_of("calibrate --measurements m.csv --effects none " + written)).out;
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    text = squeezed(text);
+    const std::size_t begin = text.find("Next: kdlcal ");
+    const std::size_t end = text.find(", with points of other days and places");
+    ASSERT_NE(begin, std::string::npos) << text;
+    ASSERT_NE(end, std::string::npos) << text;
+    const std::string command = text.substr(begin, end - begin).substr(std::string("Next: kdlcal ").size());
+    EXPECT_THAT(command, AllOf(HasSubstr("validate"), HasSubstr("--measurements NEW.csv")));
+    succeed(words_of(command));
   }
 }
 
