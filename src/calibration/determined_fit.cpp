@@ -103,19 +103,6 @@ std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std:
   return result;
 }
 
-// The unknowns without those columns.
-Unknowns shown_unknowns(const FitProblem& problem, const LeastSquaresProblem& equations) {
-  const Eigen::MatrixXd sqrt_information = equations.whitened_summary(problem.start).sqrt_information;
-  std::vector<bool> marked(problem.free.columns().size(), true);
-  if (sqrt_information.allFinite()) {
-    for (const Eigen::Index column :
-         open_columns_of_bases(problem.free, problem.model.stations.size(), sqrt_information)) {
-      marked[static_cast<std::size_t>(column)] = false;
-    }
-  }
-  return problem.free.subset(marked);
-}
-
 constexpr int kGaugeRounds = 3;
 
 struct FittedInGauge {
@@ -132,7 +119,7 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
     return {.fitted = identify(problem, estimator, steps), .free = candidates};
   }
   if (equations.equations() < equations.columns()) {
-    const Unknowns shown = shown_unknowns(problem, equations);
+    const Unknowns shown = shown_unknowns(problem);
     if (equations.equations() < shown.size()) {
       return {.fitted = identify(with_free(problem, shown), estimator, steps), .free = shown};
     }
@@ -260,6 +247,21 @@ DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRul
 }
 
 }  // namespace
+
+Unknowns shown_unknowns(const FitProblem& problem) {
+  if (problem.model.stations.empty()) {
+    return problem.free;
+  }
+  const Eigen::MatrixXd sqrt_information = equations_of(problem).whitened_summary(problem.start).sqrt_information;
+  std::vector<bool> marked(problem.free.columns().size(), true);
+  if (sqrt_information.allFinite()) {
+    for (const Eigen::Index column :
+         open_columns_of_bases(problem.free, problem.model.stations.size(), sqrt_information)) {
+      marked[static_cast<std::size_t>(column)] = false;
+    }
+  }
+  return problem.free.subset(marked);
+}
 
 DeterminedFit fit_determined_parameters(const FitProblem& problem, const ParameterSelection& choice,
                                         const FitRules& rules) {

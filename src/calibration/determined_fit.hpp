@@ -14,6 +14,10 @@ struct FitRules {
   const ParameterOptions& parameters;
 };
 
+/// The unknowns of the problem without those of bases that its measurements do not show at the start, such as five of a
+/// base from which one length between two points was measured.
+Unknowns shown_unknowns(const FitProblem& problem);
+
 /// Fits the parameters of `problem.free`, the candidates of `choice`, that the measurements determine. If the fit fails
 /// or the complete set would explain most of the misfit, that set with a prior of usual errors continues. A set chosen
 /// at its end finishes: parameters equivalent at the nominal geometry may differ at the true one. Parameters hidden by

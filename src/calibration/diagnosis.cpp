@@ -20,15 +20,21 @@ namespace kdl_calibration {
 namespace {
 
 std::vector<AlternativeReading> readings(const CalibrationResult& found, const Measurements& measurements,
-                                         const DiagnosisTask& task) {
+                                         const GrossRows& gross_rows, const DiagnosisTask& task) {
   if (!task.options.try_readings) {
     return {};
   }
   if (found.model.stations.size() > 1 || has_single_coordinates(measurements)) {
     const TrainingRows rows(measurements);
     std::vector<AlternativeReading> result = readings_of_unit(found.model, *rows);
-    if (result.empty() && has_converged(found.fit.identification)) {
-      result = readings_of_lengths(found.model, *rows, found.fit.identification.estimate, found.fit.free);
+    const Estimate& fit = found.fit.identification.estimate;
+    const bool converged = has_converged(found.fit.identification);
+    if (result.empty() && converged && found.model.stations.size() > 1) {
+      const double as_gross_rows = gross_rows.rows.empty() ? 1.0 : gross_rows.rms_without / gross_rows.rms;
+      result = readings_of_stations(found.model, *rows, fit, found.fit.free, as_gross_rows);
+    }
+    if (result.empty() && converged) {
+      result = readings_of_lengths(found.model, *rows, fit, found.fit.free);
     }
     if (!has_single_coordinates(measurements)) {
       const std::vector<AlternativeReading> repeated = repeated_configurations(measurements);
@@ -131,7 +137,7 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
   result.alternative_readings = with_progress(task.progress, "trying other readings of the data",
-                                              [&] { return readings(found, measurements, task); });
+                                              [&] { return readings(found, measurements, result.gross_rows, task); });
   result.findings = beside_readings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);
   if (holds_where_measured(found, result.doubts, task.ambiguity)) {

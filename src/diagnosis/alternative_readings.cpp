@@ -21,6 +21,7 @@
 #include "diagnosis/trial_fit.hpp"
 #include "diagnosis/trial_sample.hpp"
 #include "estimation/input_check.hpp"
+#include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
@@ -332,42 +333,41 @@ std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const 
   return {};
 }
 
-namespace {
-
-// Lengths of stations that contradict the others.
-std::optional<AlternativeReading> reading_of_stations(const ErrorModel& model, const Measurements& measurements,
-                                                      const Estimate& fit, const Unknowns& free) {
+std::vector<AlternativeReading> readings_of_stations(const ErrorModel& model, const Measurements& measurements,
+                                                     const Estimate& fit, const Unknowns& free, double most_left) {
   constexpr double kLeastDeviation = 2e-4;  // of a factor from 1
-  const StationScales found = scales_of_stations(model, measurements, fit, free);
-  std::vector<std::string> names;
+  constexpr double kAsGood = 1.25;          // of the misfit that effects leave
+  constexpr std::ptrdiff_t kFew = 3;        // configurations of a station
+  StationScales found = scales_of_stations(model, measurements, fit, free);
+  if (!model.effects.empty()) {  // they can hide a factor
+    Estimate rigid = fit;
+    rigid.effects.setZero();
+    StationScales alone = scales_of_stations(model, measurements, rigid, free.without(UnknownGroup::effects));
+    found = alone.left < kAsGood * found.misfit ? std::move(alone) : std::move(found);
+  }
+  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
   std::vector<std::string> factors;
-  for (const StationScales::One& one : found.stations) {
-    if (std::abs(one.factor - 1.0) > kLeastDeviation) {
-      names.push_back(shown(measurements.stations[one.station]));
-      factors.push_back(fmt::format("{:.5g}", one.factor));
+  bool any_few = false;
+  for (const auto& [station, factor] : found.stations) {
+    if (std::abs(factor - 1.0) > kLeastDeviation) {
+      factors.push_back(fmt::format("{} {:.5g}", shown(measurements.stations[station]), factor));
+      any_few = any_few || std::count(stations.begin(), stations.end(), static_cast<std::int16_t>(station)) <= kFew;
     }
   }
-  if (names.empty() || !explains(found.left, found.misfit, found.freedom, 1.0)) {
-    return std::nullopt;
+  if (factors.empty() || !explains(found.left, found.misfit, found.freedom, 1.0) ||
+      found.left > most_left * found.misfit) {
+    return {};
   }
-  return AlternativeReading{
-      .cause = Cause::scale,
-      .message =
-          fmt::format("lengths of {} {} contradict those of the other stations: {} times as long they would leave "
-                      "a misfit of {} instead of {}; {}",
-                      names.size() == 1 ? "station" : "stations", comma_separated(names), comma_separated(factors),
-                      in_mm(found.left), in_mm(found.misfit), kUsedAsRead)};
+  return {
+      {.cause = Cause::scale,
+       .message = fmt::format("lengths of the stations contradict each other: a misfit of {} instead of {} would be "
+                              "left with those of {} times as long{}; {}",
+                              in_mm(found.left), in_mm(found.misfit), comma_separated(factors),
+                              any_few ? " (or a row there is wrong)" : "", kUsedAsRead)}};
 }
-
-}  // namespace
 
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
                                                     const Estimate& fit, const Unknowns& free) {
-  if (measurements.stations.size() > 1) {
-    if (std::optional<AlternativeReading> reading = reading_of_stations(model, measurements, fit, free)) {
-      return {std::move(*reading)};
-    }
-  }
   const CommonScale common = common_scale(model, measurements, fit, free);
   if (std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
     return {};

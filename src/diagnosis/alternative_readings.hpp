@@ -39,11 +39,15 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});
 
-/// Of these checks two of all lengths, for any number of stations and any kind of row. Whether they are a thousand
-/// times too long or too short for the nominal arm:
+/// Of these checks those of lengths, for any number of stations and any kind of row. Whether they are a thousand times
+/// too long or too short for the nominal arm:
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements);
-/// Whether the lengths of one station contradict those of the others, or the length errors are proportional to their
-/// links: a fit finds such errors if the distance of the sockets or all measured distances are wrong.
+/// Whether those of several stations contradict each other, and factors on some of them leave at most this share of the
+/// misfit:
+std::vector<AlternativeReading> readings_of_stations(const ErrorModel& model, const Measurements& measurements,
+                                                     const Estimate& fit, const Unknowns& free, double most_left = 1.0);
+/// Whether the length errors are proportional to their links: a fit finds such errors if the distance of the sockets or
+/// all measured distances are wrong.
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
                                                     const Estimate& fit, const Unknowns& free);
 

@@ -35,6 +35,22 @@ Measurements longer(Measurements measurements, double factor) {
   return measurements;
 }
 
+// With the lengths of each station `factor` times as long, from the mean of its points (or anchors).
+Measurements longer_about_means(Measurements measurements, double factor) {
+  MatrixXd sums = MatrixXd::Zero(4, std::ssize(measurements.stations));
+  for (const Observation& observation : measurements.observations) {
+    sums.col(observation.station) += observation.position.homogeneous();
+  }
+  for (Observation& observation : measurements.observations) {
+    const Eigen::Vector3d mean = sums.col(observation.station).hnormalized();
+    observation.position = mean + factor * (observation.position - mean);
+  }
+  for (MeasuredCoordinates& measured : measurements.coordinates) {
+    measured.distance *= factor;
+  }
+  return measurements;
+}
+
 // Sums over all measured coordinates and distances z, with J the derivatives by what is free and J_all those by every
 // geometric error.
 struct NormalSums {
@@ -126,39 +142,57 @@ CommonScale common_scale(const ErrorModel& model, const Measurements& measuremen
   return {.factor = 1.0 / (1.0 - slope), .p_value = f_upper_tail(explained / left * freedom, 1.0, freedom)};
 }
 
-// With lengths (1 + x) times as long the residuals of a station's rows are e + x c. Least squares of e on one c after
-// the other, all without the part that the unknowns explain.
-StationScales scales_of_stations(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
-                                 const Unknowns& free) {
+namespace {
+
+// Residuals e and, for each station, their derivative c by a factor on its lengths, without the part that the unknowns
+// explain.
+struct ScaleColumns {
+  MatrixXd columns;  // the last one is e
+  VectorXd squares;  // of the columns with that part
+  double rows = 0.0;
+};
+
+ScaleColumns scale_columns(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                           const Unknowns& free) {
   constexpr std::size_t kMostConfigurations = 3000;
   constexpr double kStep = 1e-3;
-  constexpr double kLeastPivot = 1e-9;   // of what the unknowns explain
-  constexpr double kLeastShown = 1e-6;   // share of c^2
-  constexpr double kFalseAlarms = 1e-4;  // among all stations
-  const auto count = std::ssize(measurements.stations);
+  constexpr double kLeastPivot = 1e-9;
   const TrialSample sample = trial_sample(model, measurements, free, kMostConfigurations);
-  const auto whitened = [&](double factor) {
-    return LeastSquaresProblem(model, longer(sample.measurements, factor), sample.free).whitened(fit);
+  const auto whitened = [&](const Measurements& rows) {
+    return LeastSquaresProblem(model, rows, sample.free).whitened(fit);
   };
-  const WhitenedSystem system = whitened(1.0);
-  const VectorXd change = (whitened(1.0 + kStep).residual - system.residual) / kStep;
+  const WhitenedSystem system = whitened(sample.measurements);
+  const WhitenedSystem stretched = whitened(longer_about_means(sample.measurements, 1.0 + kStep));
   const Index rows = system.blocks.back();
-  MatrixXd columns = MatrixXd::Zero(rows, count + 1);
+  MatrixXd columns = MatrixXd::Zero(rows, std::ssize(measurements.stations) + 1);
   const std::vector<std::int16_t> station = stations_of_configurations(sample.measurements);
   for (std::size_t c = 0; c + 1 < system.blocks.size(); ++c) {
     const auto own = Eigen::seq(system.blocks[c], system.blocks[c + 1] - 1);
-    columns(own, station[c]) = change(own);
+    columns(own, station[c]) = (stretched.residual(own) - system.residual(own)) / kStep;
   }
   columns.rightCols<1>() = system.residual.head(rows);
-  const VectorXd squares = columns.colwise().squaredNorm();
-  MatrixXd unexplained = outside_span(range_basis(system.jacobian.topRows(rows), kLeastPivot), columns);
+  return {.columns = outside_span(range_basis(system.jacobian.topRows(rows), kLeastPivot), columns),
+          .squares = columns.colwise().squaredNorm(),
+          .rows = static_cast<double>(rows)};
+}
 
-  const auto rms = [&] { return unexplained.rightCols<1>().norm() / std::sqrt(static_cast<double>(rows)); };
-  StationScales result{.stations = {}, .misfit = rms(), .freedom = static_cast<double>(unexplained.rows())};
-  const Index most = std::max<Index>(count / 10, 1);
-  while (std::ssize(result.stations) < most && result.freedom > 1.0) {
-    const VectorXd shown = unexplained.colwise().squaredNorm();
-    const VectorXd along = unexplained.transpose() * unexplained.rightCols<1>();
+}  // namespace
+
+// Least squares of e on one c after the other.
+StationScales scales_of_stations(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                                 const Unknowns& free) {
+  constexpr double kLeastShown = 1e-6;   // share of c^2
+  constexpr double kFalseAlarms = 1e-4;  // among all stations
+  const auto count = std::ssize(measurements.stations);
+  const auto [columns, squares, rows] = scale_columns(model, measurements, fit, free);
+  MatrixXd left = columns;
+  const auto rms = [&, n = rows] { return std::sqrt(left.rightCols<1>().squaredNorm() / n); };
+  StationScales result{.stations = {}, .misfit = rms(), .freedom = static_cast<double>(left.rows())};
+  std::vector<Index> chosen;
+  const Index most = std::max<Index>({1, std::min<Index>((count - 1) / 2, 3), count / 10});
+  while (std::ssize(chosen) < most && result.freedom > 1.0) {
+    const VectorXd shown = left.colwise().squaredNorm();
+    const VectorXd along = left.transpose() * left.rightCols<1>();
     const VectorXd gains =
         (shown.array() > kLeastShown * squares.array()).select(along.array().square() / shown.array(), 0.0).head(count);
     Index best = 0;
@@ -167,12 +201,19 @@ StationScales scales_of_stations(const ErrorModel& model, const Measurements& me
     if (!(static_cast<double>(count) * f_upper_tail(F, 1.0, result.freedom - 1.0) < kFalseAlarms)) {
       break;
     }
-    result.stations.push_back({.station = static_cast<std::size_t>(best), .factor = 1.0 - along[best] / shown[best]});
-    const VectorXd unit = unexplained.col(best).normalized();
-    unexplained -= unit * (unit.transpose() * unexplained).eval();
+    chosen.push_back(best);
+    const VectorXd unit = left.col(best).normalized();
+    left -= unit * (unit.transpose() * left).eval();
     result.freedom -= 1.0;
   }
   result.left = rms();
+  if (!chosen.empty()) {
+    const VectorXd x = shortest_solution(columns(Eigen::all, chosen), VectorXd(columns.rightCols<1>()));
+    for (Index i = 0; i < x.size(); ++i) {
+      result.stations.push_back(
+          {.station = static_cast<std::size_t>(chosen[static_cast<std::size_t>(i)]), .factor = 1.0 - x[i]});
+    }
+  }
   return result;
 }
 

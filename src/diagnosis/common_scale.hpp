@@ -22,8 +22,8 @@ struct CommonScale {
 CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                          const Unknowns& free);
 
-/// Stations whose lengths disagree with those of all others (with two stations, either of them), the clearest first:
-/// at most one of ten, each significant among all stations.
+/// Stations whose lengths disagree with those of the others (with two stations, either of them), the clearest first: at
+/// most three, or one of ten, and fewer than half. Each is significant among all stations.
 struct StationScales {
   struct One {
     std::size_t station = 0;

@@ -16,6 +16,8 @@ namespace {
 
 using ::testing::AllOf;
 using testing::bundled_robot;
+using ::testing::Contains;
+using ::testing::Field;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::kNoise;
@@ -94,8 +96,50 @@ TEST(StationScales, AreDoubtedByName) {
   ASSERT_FALSE(found.doubts().empty());
   EXPECT_EQ(found.doubts()[0].cause, Cause::scale);
   EXPECT_THAT(found.doubts()[0].message,
-              AllOf(HasSubstr("lengths of stations 'L31', 'L18'"), HasSubstr("contradict those of the other stations"),
-                    HasSubstr("0.98"), HasSubstr("1.02")));
+              AllOf(HasSubstr("lengths of the stations contradict each other"), HasSubstr("'L31' 1.02"),
+                    HasSubstr("'L18' 0.98"), HasSubstr("(or a row there is wrong)")));
+}
+
+TEST(StationScales, OfTwoStationsOfFiveAreDoubted) {
+  testing::VirtualExperiment experiment({.random = Random(1)});
+  experiment.robot = at_stations(experiment.robot, 5, experiment.random);
+  const Measurements correct = testing::without_sigmas(experiment.measure(60, {.sigma = kNoise}));
+  const Calibration found = calibrated(with_scale(with_scale(correct, 0, 0.998), 3, 1.003));
+  ASSERT_FALSE(found.doubts().empty());
+  EXPECT_THAT(found.doubts()[0].message, AllOf(HasSubstr("'S1' 1.002"), HasSubstr("'S4' 0.997")));
+}
+
+// A base that is known wrongly moves a station far from the origin of its frame, which is no scale.
+TEST(StationScales, AreNoShiftOfAKnownBase) {
+  testing::Tracker experiment(3);
+  Measurements measurements = experiment.measured(36, kNoise);
+  for (Observation& o : measurements.observations) {
+    o.position += Eigen::Vector3d(40.0, 10.0, 5.0);
+    o.position += o.station == 1 ? Eigen::Vector3d(0.004, 0.001, 0.0005) : Eigen::Vector3d::Zero();
+  }
+  CalibrationOptions options = testing::geometry_alone();
+  options.diagnosis.try_readings = true;
+  for (std::size_t s = 0; s < 3; ++s) {
+    Eigen::Isometry3d X_WB = experiment.robot.truth.base(s);
+    X_WB.pretranslate(Eigen::Vector3d(40.0, 10.0, 5.0));
+    options.parameters.known_stations.push_back({measurements.stations[s], X_WB});
+  }
+  for (const Doubt& doubt : calibrate(bundled_robot(), measurements, options).doubts()) {
+    EXPECT_NE(doubt.cause, Cause::scale) << doubt.message;
+  }
+}
+
+// Effects chosen by themselves can follow what a wrong length does.
+TEST(StationScales, AreNotHiddenByEffects) {
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    testing::VirtualExperiment experiment({.random = Random(seed)});
+    experiment.robot = at_stations(experiment.robot, 3, experiment.random);
+    const Measurements heights =
+        testing::along(testing::without_sigmas(experiment.measure(40, {.sigma = kNoise})), testing::kHeight);
+    EXPECT_THAT(calibrate(bundled_robot(), with_scale(heights, 0, 1.002)).doubts(),
+                Contains(Field(&Doubt::message, HasSubstr("'S1' 0.998"))))
+        << seed;
+  }
 }
 
 }  // namespace

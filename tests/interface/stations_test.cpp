@@ -125,6 +125,15 @@ TEST(LengthsBetweenTwoTargets, InTwoConfigurationsEachAreExactWithoutNoise) {
   EXPECT_THAT(found.warnings(), Contains(HasSubstr("nothing is known of unseen configurations")));
 }
 
+TEST(LengthsBetweenTwoTargets, AreCalibratedByDefaultOptions) {
+  testing::VirtualExperiment experiment(
+      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(12)});
+  const Calibration found =
+      calibrate(bundled_robot(), lengths_between(testing::without_sigmas(experiment.measure(120, {.sigma = 3e-5}))));
+  EXPECT_TRUE(found.trusted());
+  EXPECT_LT(distance_from_truth(found, experiment), 4e-4);
+}
+
 // Nineteen lengths are fewer than the parameters of the arm.
 TEST(LengthsBetweenTwoTargets, AreRefusedWhereTheyAreTooFew) {
   testing::VirtualExperiment experiment(
