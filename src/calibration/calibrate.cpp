@@ -120,9 +120,7 @@ FitProblem weighed_for_selection(FitProblem problem, const CalibrationSettings& 
   }
   const bool selects = selection.priors.length > 0.0 || selection.priors.angle > 0.0 || is_open(selection);
   if (options.estimator.method == Method::joint && selects) {
-    FitProblem shown = problem;
-    shown.free = shown_unknowns(problem);
-    problem.options = absolute_weights(shown, noise_beforehand(problem.measurements, options));
+    problem.options = absolute_weights(with_shown_unknowns(problem), noise_beforehand(problem.measurements, options));
   }
   residuals.priors = selection.priors;
   return problem;

@@ -119,9 +119,9 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
     return {.fitted = identify(problem, estimator, steps), .free = candidates};
   }
   if (equations.equations() < equations.columns()) {
-    const Unknowns shown = shown_unknowns(problem);
-    if (equations.equations() < shown.size()) {
-      return {.fitted = identify(with_free(problem, shown), estimator, steps), .free = shown};
+    const FitProblem shown = with_shown_unknowns(problem);
+    if (equations.equations() < shown.free.size()) {
+      return {.fitted = identify(shown, estimator, steps), .free = shown.free};
     }
   }
   Unknowns free = candidates;
@@ -248,9 +248,9 @@ DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRul
 
 }  // namespace
 
-Unknowns shown_unknowns(const FitProblem& problem) {
+FitProblem with_shown_unknowns(const FitProblem& problem) {
   if (problem.model.stations.empty()) {
-    return problem.free;
+    return problem;
   }
   const Eigen::MatrixXd sqrt_information = equations_of(problem).whitened_summary(problem.start).sqrt_information;
   std::vector<bool> marked(problem.free.columns().size(), true);
@@ -260,7 +260,7 @@ Unknowns shown_unknowns(const FitProblem& problem) {
       marked[static_cast<std::size_t>(column)] = false;
     }
   }
-  return problem.free.subset(marked);
+  return with_free(problem, problem.free.subset(marked));
 }
 
 DeterminedFit fit_determined_parameters(const FitProblem& problem, const ParameterSelection& choice,

@@ -42,10 +42,10 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
 /// Of these checks those of lengths, for any number of stations and any kind of row. Whether they are a thousand times
 /// too long or too short for the nominal arm:
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements);
-/// Whether those of several stations contradict each other, and factors on some of them leave at most this share of the
-/// misfit:
+/// Whether those of several stations contradict each other. Reported if factors on the lengths of some stations leave
+/// less than a third of the misfit, and at most the share `most_left`:
 std::vector<AlternativeReading> readings_of_stations(const ErrorModel& model, const Measurements& measurements,
-                                                     const Estimate& fit, const Unknowns& free, double most_left = 1.0);
+                                                     const Estimate& fit, const Unknowns& free, double most_left);
 /// Whether the length errors are proportional to their links: a fit finds such errors if the distance of the sockets or
 /// all measured distances are wrong.
 std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,

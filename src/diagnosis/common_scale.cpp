@@ -35,20 +35,17 @@ Measurements longer(Measurements measurements, double factor) {
   return measurements;
 }
 
-// With the lengths of each station `factor` times as long, from the mean of its points (or anchors).
-Measurements longer_about_means(Measurements measurements, double factor) {
+// The same about the mean of each station's points (or anchors).
+Measurements longer_about_means(const Measurements& measurements, double factor) {
   MatrixXd sums = MatrixXd::Zero(4, std::ssize(measurements.stations));
   for (const Observation& observation : measurements.observations) {
     sums.col(observation.station) += observation.position.homogeneous();
   }
-  for (Observation& observation : measurements.observations) {
-    const Eigen::Vector3d mean = sums.col(observation.station).hnormalized();
-    observation.position = mean + factor * (observation.position - mean);
+  Measurements result = longer(measurements, factor);
+  for (Observation& observation : result.observations) {
+    observation.position += (1.0 - factor) * sums.col(observation.station).hnormalized();
   }
-  for (MeasuredCoordinates& measured : measurements.coordinates) {
-    measured.distance *= factor;
-  }
-  return measurements;
+  return result;
 }
 
 // Sums over all measured coordinates and distances z, with J the derivatives by what is free and J_all those by every

@@ -22,8 +22,8 @@ struct CommonScale {
 CommonScale common_scale(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                          const Unknowns& free);
 
-/// Stations whose lengths disagree with those of the others (with two stations, either of them), the clearest first: at
-/// most three, or one of ten, and fewer than half. Each is significant among all stations.
+/// Stations whose lengths contradict those of the others, the clearest first: one of two (either may be wrong), else
+/// fewer than half of them, and at most three or a tenth. Each is significant among all stations.
 struct StationScales {
   struct One {
     std::size_t station = 0;

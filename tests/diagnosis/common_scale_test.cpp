@@ -48,12 +48,6 @@ StationScales scales_of(const Measurements& measurements) {
   return scales_of_stations(parts.model, measurements, parts.estimate, parts.free);
 }
 
-Measurements lengths(std::uint64_t seed) {
-  testing::VirtualExperiment experiment(
-      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(seed)});
-  return testing::lengths_between(testing::without_sigmas(experiment.measure(120, {.sigma = kNoise})));
-}
-
 struct Way {
   const char* name;
   Measurements measurements;
@@ -67,7 +61,7 @@ std::vector<Way> ways(std::uint64_t seed) {
           {"a place of a plate", testing::Ball(seed).touched(6, 72, kNoise), 3, 0.97, 1e-3},
           {"heights", testing::Heights(seed).measured(48, kNoise), 2, 1.01, 1e-3},
           {"an unknown anchor", testing::Distances(seed).measured(3, false, 90, kNoise), 0, 0.99, 1e-3},
-          {"a length between two poses", lengths(seed), 17, 1.02, 1e-3}};
+          {"a length between two poses", testing::Lengths(seed).measured(120, kNoise), 17, 1.02, 1e-3}};
 }
 
 TEST(StationScales, NameTheStationWhoseLengthsContradictTheOthersAndTheFactor) {
@@ -89,7 +83,7 @@ TEST(StationScales, AccuseNoCorrectStation) {
 }
 
 TEST(StationScales, AreDoubtedByName) {
-  const Measurements correct = lengths(6);
+  const Measurements correct = testing::Lengths(6).measured(120, kNoise);
   EXPECT_TRUE(calibrated(correct).trusted());
   const Calibration found = calibrated(with_scale(with_scale(correct, 17, 1.02), 30, 0.98));
   EXPECT_FALSE(found.trusted());
@@ -101,9 +95,7 @@ TEST(StationScales, AreDoubtedByName) {
 }
 
 TEST(StationScales, OfTwoStationsOfFiveAreDoubted) {
-  testing::VirtualExperiment experiment({.random = Random(1)});
-  experiment.robot = at_stations(experiment.robot, 5, experiment.random);
-  const Measurements correct = testing::without_sigmas(experiment.measure(60, {.sigma = kNoise}));
+  const Measurements correct = testing::Tracker(1, 5).measured(60, kNoise);
   const Calibration found = calibrated(with_scale(with_scale(correct, 0, 0.998), 3, 1.003));
   ASSERT_FALSE(found.doubts().empty());
   EXPECT_THAT(found.doubts()[0].message, AllOf(HasSubstr("'S1' 1.002"), HasSubstr("'S4' 0.997")));
@@ -132,10 +124,7 @@ TEST(StationScales, AreNoShiftOfAKnownBase) {
 // Effects chosen by themselves can follow what a wrong length does.
 TEST(StationScales, AreNotHiddenByEffects) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
-    testing::VirtualExperiment experiment({.random = Random(seed)});
-    experiment.robot = at_stations(experiment.robot, 3, experiment.random);
-    const Measurements heights =
-        testing::along(testing::without_sigmas(experiment.measure(40, {.sigma = kNoise})), testing::kHeight);
+    const Measurements heights = testing::along(testing::Tracker(seed).measured(40, kNoise), testing::kHeight);
     EXPECT_THAT(calibrate(bundled_robot(), with_scale(heights, 0, 1.002)).doubts(),
                 Contains(Field(&Doubt::message, HasSubstr("'S1' 0.998"))))
         << seed;

@@ -28,7 +28,7 @@ using testing::distance_from_truth;
 using ::testing::Field;
 using testing::geometry_alone;
 using ::testing::HasSubstr;
-using testing::lengths_between;
+using testing::Lengths;
 using testing::points;
 using testing::refusal;
 using testing::Tracker;
@@ -110,9 +110,8 @@ TEST(PlacesOfAPlate, WithSocketsOnALineHoldTheRotationAboutIt) {
 }
 
 TEST(LengthsBetweenTwoTargets, InTwoConfigurationsEachAreExactWithoutNoise) {
-  testing::VirtualExperiment experiment(
-      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(11)});
-  const Measurements lengths = lengths_between(testing::without_sigmas(experiment.measure(120)));
+  Lengths experiment(11);
+  const Measurements lengths = experiment.measured(120);
   ASSERT_EQ(lengths.stations.size(), 60U);
   CalibrationOptions options = geometry_alone();
   options.validation.held_out = true;
@@ -126,19 +125,16 @@ TEST(LengthsBetweenTwoTargets, InTwoConfigurationsEachAreExactWithoutNoise) {
 }
 
 TEST(LengthsBetweenTwoTargets, AreCalibratedByDefaultOptions) {
-  testing::VirtualExperiment experiment(
-      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(12)});
-  const Calibration found =
-      calibrate(bundled_robot(), lengths_between(testing::without_sigmas(experiment.measure(120, {.sigma = 3e-5}))));
+  Lengths experiment(12);
+  const Calibration found = calibrate(bundled_robot(), experiment.measured(120, 3e-5));
   EXPECT_TRUE(found.trusted());
   EXPECT_LT(distance_from_truth(found, experiment), 4e-4);
 }
 
 // Nineteen lengths are fewer than the parameters of the arm.
 TEST(LengthsBetweenTwoTargets, AreRefusedWhereTheyAreTooFew) {
-  testing::VirtualExperiment experiment(
-      {.targets = testing::targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(11)});
-  const Measurements lengths = lengths_between(testing::without_sigmas(experiment.measure(38)));
+  Lengths experiment(11);
+  const Measurements lengths = experiment.measured(38);
   EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), lengths, geometry_alone()); }),
               HasSubstr("too few measurements: 114 measured coordinates for"));
 }
@@ -146,12 +142,11 @@ TEST(LengthsBetweenTwoTargets, AreRefusedWhereTheyAreTooFew) {
 // The last station has one configuration, each other one ten.
 TEST(Stations, OfOneConfigurationAreNotLeftOut) {
   for (const int stations : {2, 3}) {
-    testing::VirtualExperiment experiment({.random = Random(7)});
-    experiment.robot = at_stations(experiment.robot, stations, experiment.random);
+    Tracker experiment(7, stations);
     const int last = 10 * stations - 1;
-    const Measurements few =
-        subset(testing::without_sigmas(experiment.measure(10 * stations, {.sigma = 3e-5})),
-               [&](const Observation& o) { return o.station < stations - 1 || o.configuration == last; });
+    const Measurements few = subset(experiment.measured(10 * stations, 3e-5), [&](const Observation& o) {
+      return o.station < stations - 1 || o.configuration == last;
+    });
     CalibrationOptions options = geometry_alone();
     options.validation.held_out = true;
     const Calibration found = calibrate(bundled_robot(), few, options);

@@ -40,11 +40,15 @@ inline double distance_from_truth(const Calibration& found, VirtualExperiment& e
                               points(experiment.robot.model, experiment.robot.truth, q));
 }
 
-// A tracker that is moved twice.
+// A tracker that stands at several places.
 struct Tracker : VirtualExperiment {
-  explicit Tracker(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
+  explicit Tracker(std::uint64_t seed = 1, int places = 3)
+      : VirtualExperiment({.random = Random(seed)}), stations(places) {
+    move();
+  }
 
-  void move() { robot = at_stations(robot, 3, random); }
+  int stations;
+  void move() { robot = at_stations(robot, stations, random); }
   Measurements measured(int count, double noise = 0.0) { return without_sigmas(measure(count, {.sigma = noise})); }
 };
 
@@ -61,21 +65,28 @@ struct Ball : VirtualExperiment {
 
 // The length from target A in one configuration to target B in the next is a station with two points. Of a length five
 // directions of its base are free, so that it adds one equation.
-inline Measurements lengths_between(const Measurements& points) {
-  Measurements result = points;
-  result.observations.clear();
-  for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
-    Observation from = points.observations[first];
-    Observation to = points.observations[first + 3];
-    to.position = {(to.position - from.position).norm(), 0.0, 0.0};
-    from.position.setZero();
-    from.station = to.station = static_cast<std::int16_t>(result.stations.size());
-    result.stations.push_back("L" + std::to_string(result.stations.size() + 1));
-    result.observations.push_back(from);
-    result.observations.push_back(to);
+struct Lengths : VirtualExperiment {
+  explicit Lengths(std::uint64_t seed = 1)
+      : VirtualExperiment({.targets = targets_at({{0.05, 0.2, 0.1}, {-0.1, 0.05, 0.2}}), .random = Random(seed)}) {}
+
+  // One from every two of the configurations.
+  Measurements measured(int configurations, double noise = 0.0) {
+    const Measurements points = without_sigmas(measure(configurations, {.sigma = noise}));
+    Measurements result = points;
+    result.observations.clear();
+    for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
+      Observation from = points.observations[first];
+      Observation to = points.observations[first + 3];
+      to.position = {(to.position - from.position).norm(), 0.0, 0.0};
+      from.position.setZero();
+      from.station = to.station = static_cast<std::int16_t>(result.stations.size());
+      result.stations.push_back("L" + std::to_string(result.stations.size() + 1));
+      result.observations.push_back(from);
+      result.observations.push_back(to);
+    }
+    return result;
   }
-  return result;
-}
+};
 
 // Heights of three targets above four planes that are tilted against each other.
 struct Heights : VirtualExperiment {
