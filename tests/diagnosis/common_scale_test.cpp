@@ -22,7 +22,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::kNoise;
 
-// The lengths of one station are `factor` times as long as they are.
+// The lengths of one station, multiplied by `factor`.
 Measurements with_scale(Measurements measurements, int station, double factor) {
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     Observation& observation = measurements.observations[row];
@@ -101,7 +101,7 @@ TEST(StationScales, OfTwoStationsOfFiveAreDoubted) {
   EXPECT_THAT(found.doubts()[0].message, AllOf(HasSubstr("'S1' 1.002"), HasSubstr("'S4' 0.997")));
 }
 
-// A base that is known wrongly moves a station far from the origin of its frame, which is no scale.
+// A wrong known base shifts the points of a station that are far from the origin of its frame. That is no scale.
 TEST(StationScales, AreNoShiftOfAKnownBase) {
   testing::Tracker experiment(3);
   Measurements measurements = experiment.measured(36, kNoise);
@@ -121,7 +121,7 @@ TEST(StationScales, AreNoShiftOfAKnownBase) {
   }
 }
 
-// Effects chosen by themselves can follow what a wrong length does.
+// Effects that are chosen automatically can absorb a wrong scale.
 TEST(StationScales, AreNotHiddenByEffects) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     const Measurements heights = testing::along(testing::Tracker(seed).measured(40, kNoise), testing::kHeight);

@@ -88,7 +88,7 @@ TEST(OrderCheck, AccusesNothingThatStoodStill) {
   }
 }
 
-// Sag of the shoulder follows the order of the visits here.
+// The visits are ordered by the angle of the shoulder, so its sag changes along the order.
 TEST(OrderCheck, AccusesNoArmThatSagsAlongTheOrder) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     Measured m = measured(large_arm(), seed, {.configurations = 24, .effect = 0.002});
