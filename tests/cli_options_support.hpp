@@ -396,7 +396,7 @@ inline std::string points_csv(const Measurements& measured, bool named) {
     const std::string& target = measured.targets[static_cast<std::size_t>(row.target)];
     csv += named ? "C" + configuration + "_" + target : configuration + "," + target;
     csv += "," + std::to_string(row.repeat);
-    for (const double coordinate : row.position) {
+    for (const double coordinate : row.position()) {
       csv += "," + std::to_string(coordinate);
     }
     csv += "\n";

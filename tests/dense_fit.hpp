@@ -147,7 +147,7 @@ private:
   void add_block(const std::vector<std::size_t>& rows) {
     Block block{.rows = rows, .oriented = {}, .root = {}};
     for (const std::size_t row : rows) {
-      if (!measurements_.orientations.empty() && !std::isnan(measurements_.orientations[row].w())) {
+      if (measurements_.observations[row].orientation() != nullptr) {
         block.oriented.push_back(row);
       }
     }
@@ -201,12 +201,12 @@ private:
              estimate.targets[static_cast<std::size_t>(o.target)].X_FT;
     };
     for (const std::size_t row : block.rows) {
-      e.segment<3>(at) = measurements_.observations[row].position - predicted(row).translation();
+      e.segment<3>(at) = measurements_.observations[row].position() - predicted(row).translation();
       at += 3;
     }
     for (const std::size_t row : block.oriented) {
-      e.segment<3>(at) =
-          rotation_vector(predicted(row).linear().transpose() * measurements_.orientations[row].toRotationMatrix());
+      e.segment<3>(at) = rotation_vector(predicted(row).linear().transpose() *
+                                         measurements_.observations[row].orientation()->toRotationMatrix());
       at += 3;
     }
     return e;

@@ -36,7 +36,7 @@ inline void for_rows(Measured& m, const std::function<void(Observation&)>& chang
 
 inline Mistake scaled(const std::string& name, double factor, const std::string& cause, const std::string& words,
                       const Draw& draw = {}) {
-  return {name, [=](Measured& m) { for_rows(m, [&](Observation& o) { o.position *= factor; }); }, cause, words, draw};
+  return {name, [=](Measured& m) { for_rows(m, [&](Observation& o) { o.position() *= factor; }); }, cause, words, draw};
 }
 
 inline Mistake joint_times(Eigen::Index j, double factor, const std::string& cause, const std::string& words,
@@ -69,8 +69,8 @@ inline Mistake swapped_from(int first) {
 inline Mistake moved_from(int first, const Eigen::Vector3d& step) {
   return {"step of the base",
           [=](Measured& m) {
-            for_rows(m,
-                     [&](Observation& o) { o.position += o.configuration >= first ? step : Eigen::Vector3d::Zero(); });
+            for_rows(
+                m, [&](Observation& o) { o.position() += o.configuration >= first ? step : Eigen::Vector3d::Zero(); });
           },
           "moved_base", "after configuration " + std::to_string(first)};
 }
@@ -80,7 +80,7 @@ inline Mistake turned_from(int first, double angle) {
           [=](Measured& m) {
             for_rows(m, [&](Observation& o) {
               if (o.configuration >= first) {
-                o.position = rotation_exp({angle, 0.0, 0.0}) * o.position;
+                o.position() = rotation_exp({angle, 0.0, 0.0}) * o.position();
               }
             });
           },
@@ -123,7 +123,7 @@ inline std::vector<Mistake> joint_mistakes() {
 
 inline std::vector<Mistake> point_mistakes() {
   const auto change = [](const std::function<void(Eigen::Vector3d&)>& what) {
-    return [what](Measured& m) { for_rows(m, [&](Observation& o) { what(o.position); }); };
+    return [what](Measured& m) { for_rows(m, [&](Observation& o) { what(o.position()); }); };
   };
   return {scaled("feet", 1.0 / 0.3048, "length_unit", "feet read as metres"),
           scaled("inches", 1.0 / 0.0254, "length_unit", "inches read as metres"),
@@ -139,7 +139,8 @@ inline std::vector<Mistake> point_mistakes() {
           {"all three signs", change([](Eigen::Vector3d& p) { p = -p; }), "mirrored", "mirrored"},
           {"frame of the tool",
            [](Measured& m) {
-             for_rows(m, [&](Observation& o) { o.position = true_flange(m, o.configuration).inverse() * o.position; });
+             for_rows(m,
+                      [&](Observation& o) { o.position() = true_flange(m, o.configuration).inverse() * o.position(); });
            },
            "tool_frame", "frame of the tool"}};
 }
@@ -154,8 +155,9 @@ inline std::vector<Mistake> order_mistakes() {
           turned_from(9, 0.0005),
           {"drift",
            [](Measured& m) {
-             for_rows(
-                 m, [&](Observation& o) { o.position += o.configuration / 29.0 * Eigen::Vector3d(2e-4, -2e-4, 1e-4); });
+             for_rows(m, [&](Observation& o) {
+               o.position() += o.configuration / 29.0 * Eigen::Vector3d(2e-4, -2e-4, 1e-4);
+             });
            },
            "drift", "drifts"}};
 }

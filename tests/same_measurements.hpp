@@ -2,10 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include "kdl_calibration/measurements.hpp"
 
@@ -23,33 +24,53 @@ bool same_bits(const Eigen::MatrixBase<A>& a, const Eigen::MatrixBase<B>& b) {
 }
 
 /// To the last bit, but for orientations that were stated in another form: of those the rotation, to 1e-14.
+inline void expect_same(const Observation& a, const Observation& b, bool orientations_to_the_last_bit = true) {
+  ASSERT_TRUE(same_bits(a.position(), b.position()) && same_bits(a.sigma, b.sigma));
+  ASSERT_TRUE(a.configuration == b.configuration && a.target == b.target);
+  ASSERT_TRUE(a.repeat == b.repeat && a.split == b.split && a.station == b.station);
+  ASSERT_EQ(a.order, b.order);
+  ASSERT_EQ(a.reading.index(), b.reading.index());
+  if (const Orientation* const orientation = a.orientation()) {
+    const Orientation& other = *b.orientation();
+    if (orientations_to_the_last_bit) {
+      ASSERT_TRUE(same_bits(orientation->coeffs(), other.coeffs()));
+    } else {
+      EXPECT_NEAR(orientation->norm(), 1.0, 1e-15);
+      EXPECT_NEAR(std::abs(orientation->dot(other)), 1.0, 1e-15);
+      EXPECT_LT((orientation->toRotationMatrix() - other.toRotationMatrix()).norm(), 1e-14);
+    }
+  }
+  if (const auto* const some = std::get_if<Coordinates>(&a.reading)) {
+    const auto& other = std::get<Coordinates>(b.reading);
+    ASSERT_TRUE(same_bits(some->normal, other.normal) && some->count == other.count);
+  }
+  if (const auto* const distance = std::get_if<Distance>(&a.reading)) {
+    ASSERT_TRUE(same_bits(distance->length, std::get<Distance>(b.reading).length));
+  }
+}
+
+/// The same for each row.
+inline void expect_same(const std::vector<Observation>& a, const std::vector<Observation>& b,
+                        bool orientations_to_the_last_bit = true) {
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    SCOPED_TRACE("row " + std::to_string(i));
+    expect_same(a[i], b[i], orientations_to_the_last_bit);
+    if (::testing::Test::HasFatalFailure()) {
+      return;
+    }
+  }
+}
+
 inline void expect_same(const Measurements& a, const Measurements& b, bool orientations_to_the_last_bit = true) {
   EXPECT_EQ(a.joints, b.joints);
   EXPECT_EQ(a.configurations, b.configurations);
   EXPECT_EQ(a.targets, b.targets);
+  EXPECT_EQ(a.stations, b.stations);
   EXPECT_EQ(a.joint_units, b.joint_units);
-  EXPECT_EQ(a.order, b.order);
   EXPECT_TRUE(same_bits(a.joint_values, b.joint_values));
   EXPECT_TRUE(same_bits(a.signals.torques, b.signals.torques));
-  ASSERT_EQ(a.observations.size(), b.observations.size());
-  for (std::size_t i = 0; i < a.observations.size(); ++i) {
-    const Observation& p = a.observations[i];
-    const Observation& q = b.observations[i];
-    ASSERT_TRUE(same_bits(p.position, q.position) && same_bits(p.sigma, q.sigma)) << "row " << i;
-    ASSERT_TRUE(p.configuration == q.configuration && p.target == q.target) << "row " << i;
-    ASSERT_TRUE(p.repeat == q.repeat && p.split == q.split) << "row " << i;
-  }
-  ASSERT_EQ(a.orientations.size(), b.orientations.size());
-  for (std::size_t i = 0; i < a.orientations.size(); ++i) {
-    ASSERT_EQ(is_point(a.orientations[i]), is_point(b.orientations[i])) << "row " << i;
-    if (orientations_to_the_last_bit) {
-      ASSERT_TRUE(same_bits(a.orientations[i].coeffs(), b.orientations[i].coeffs())) << "row " << i;
-    } else if (!is_point(a.orientations[i])) {
-      EXPECT_NEAR(a.orientations[i].norm(), 1.0, 1e-15);
-      EXPECT_NEAR(std::abs(a.orientations[i].dot(b.orientations[i])), 1.0, 1e-15) << "row " << i;
-      EXPECT_LT((a.orientations[i].toRotationMatrix() - b.orientations[i].toRotationMatrix()).norm(), 1e-14);
-    }
-  }
+  expect_same(a.observations, b.observations, orientations_to_the_last_bit);
 }
 
 }  // namespace kdl_calibration::testing

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cmath>
+#include <cstdint>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <map>
 #include <numbers>
@@ -10,6 +12,7 @@
 
 #include "base/random.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "model/parameters.hpp"
 
@@ -118,6 +121,107 @@ Eigen::MatrixXd central_differences(Eigen::Index coordinates, double size, const
     J.col(c) = (above - below) / (2.0 * size);
   }
   return J;
+}
+
+/// Makes the row a pose, or a point without orientation.
+inline void set_orientation(Observation& row, const Orientation& orientation) {
+  row.reading = Pose{.position = row.position(), .orientation = orientation};
+}
+inline void remove_orientation(Observation& row) { row.reading = Point{row.position()}; }
+
+/// Makes every row a pose with this orientation.
+inline void set_orientations(Measurements& measurements, const Orientation& orientation) {
+  for (Observation& row : measurements.observations) {
+    set_orientation(row, orientation);
+  }
+}
+
+/// The orientation of a row that must have one, and the length of one that must be a distance [m].
+inline Eigen::Quaterniond orientation_of(const Observation& row) { return std::get<Pose>(row.reading).orientation; }
+inline double length_of(const Observation& row) { return std::get<Distance>(row.reading).length; }
+
+/// The coordinate along the unit vector n of a row that measured a whole point.
+inline void keep_coordinate_along(Observation& row, const Eigen::Vector3d& n) {
+  row.reading = Coordinates{.position = n * n.dot(row.position()), .normal = n, .count = 1};
+}
+
+/// The row of a tracker that lost the coordinate along this axis: 0 for x, 1 for y, 2 for z.
+inline void lose_coordinate(Observation& row, Eigen::Index axis) {
+  Eigen::Vector3d position = row.position();
+  position[axis] = 0.0;
+  row.reading = Coordinates{.position = position, .normal = Eigen::Vector3d::Unit(axis), .count = 2};
+}
+
+/// The distance of the row's point from the anchor [m], with an error.
+inline void keep_distance(Observation& row, const Eigen::Vector3d& anchor, double error = 0.0) {
+  row.reading = Distance{.length = (row.position() - anchor).norm() + error, .anchor = anchor};
+}
+
+/// Multiplies all lengths of the row by the factor.
+inline void scale_lengths(Observation& row, double factor) {
+  row.position() *= factor;
+  if (auto* const distance = std::get_if<Distance>(&row.reading)) {
+    distance->length *= factor;
+  }
+}
+
+/// The places in the order of driving, of the rows that have one.
+inline std::vector<std::int64_t> order_of(const Measurements& measurements) {
+  std::vector<std::int64_t> order;
+  for (const Observation& row : measurements.observations) {
+    if (row.order) {
+      order.push_back(*row.order);
+    }
+  }
+  return order;
+}
+
+/// A row of each kind, with other values in each field: two at the right station, the others at the left one.
+inline Measurements one_of_each() {
+  const Eigen::Vector3d n = Eigen::Vector3d(2, -3, 6) / 7.0;
+  Measurements m;
+  m.source = "m.csv";
+  m.joints = {"q1"};
+  m.joint_values = Eigen::RowVector3d(0.3, -0.7, 1.1);
+  m.configurations = {"p", "q", "r"};
+  m.targets = {"A", "B", "C", "D"};
+  m.stations = {"left", "right"};
+  m.observations = {
+      {.reading = Pose{.position = {1, 2, 3}, .orientation = Orientation(0.5, -0.5, 0.1, 0.7).normalized()},
+       .sigma = 1e-5,
+       .order = 70,
+       .configuration = 0,
+       .target = 1,
+       .repeat = 4,
+       .split = Split::test,
+       .station = 1},
+      {.reading = Point{{4, 5, 6}},
+       .sigma = 2e-5,
+       .order = -3,
+       .configuration = 0,
+       .target = 3,
+       .repeat = 6,
+       .split = Split::test,
+       .station = 1},
+      {.reading = Coordinates{.position = -0.5 * n, .normal = n, .count = 1},
+       .sigma = 3e-5,
+       .order = 12,
+       .configuration = 1,
+       .target = 0,
+       .repeat = 2},
+      {.reading = Coordinates{.position = {7, 0, 9}, .normal = Eigen::Vector3d::UnitY(), .count = 2},
+       .sigma = 4e-5,
+       .order = 5,
+       .configuration = 1,
+       .target = 2,
+       .repeat = 3},
+      {.reading = Distance{.length = 1.5, .anchor = {0.1, 0.2, 0.3}},
+       .sigma = 5e-5,
+       .order = 90,
+       .configuration = 2,
+       .target = 1,
+       .repeat = 9}};
+  return m;
 }
 
 /// KDL's own answer.

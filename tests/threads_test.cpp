@@ -61,7 +61,7 @@ double number(const NormalEquations& equations) {
 double number(const Measurements& measurements) {
   double sum = measurements.joint_values.sum();
   for (const Observation& observation : measurements.observations) {
-    sum += observation.position.sum() + observation.configuration;
+    sum += observation.position().sum() + observation.configuration;
   }
   return sum;
 }
@@ -219,6 +219,8 @@ std::vector<Asked> other_methods() {
          return flange_pose(chain, s.q).matrix().sum();
        }},
       {"PositionPredictor::jacobians", [&] { return s.predictor.jacobians(s.q).back().sum(); }},
+      {"Observation::position", [&] { return (*s.rows).observations.back().position().sum(); }},
+      {"Observation::orientation", [&] { return (*s.rows).observations.back().orientation() == nullptr; }},
       {"TrainingRows::has_others", [&] { return s.rows.has_others(); }},
       {"TrainingRows::values_of", [&] { return s.rows.values_of(s.residuals.row_weights); }},
       {"TrainingRows::among_all",

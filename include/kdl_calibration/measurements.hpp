@@ -12,6 +12,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "kdl_calibration/joint_convention.hpp"
@@ -25,32 +26,57 @@ enum class Split : std::uint8_t { train, test };
 /// The stated unit of a joint's values; without one they are in rad or m, depending on the joint's type.
 enum class JointUnit : std::uint8_t { unstated, radian, metre };
 
-/// One measured point (or pose, see Measurements::orientations) of one target in one configuration.
+/// A measured point: three equations.
+struct Point {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< [m] in the measuring device's frame W
+};
+
+/// A unit quaternion, unaligned so that a row has the same size for all instruction sets.
+using Orientation = Eigen::Quaternion<double, Eigen::DontAlign>;
+
+/// A measured frame of a target: six equations.
+struct Pose {
+  Eigen::Vector3d position;  ///< [m] in W
+  Orientation orientation;   ///< of the target's frame in W
+};
+
+/// One or two coordinates of a point p.
+struct Coordinates {
+  Eigen::Vector3d position;  ///< [m] in W: P p, with the projector P onto the measured directions
+  Eigen::Vector3d normal;    ///< unit vector n in W
+  /// Number of equations. 1: the coordinate along n, P = n n^T. 2: all but that one, P = I - n n^T.
+  std::int8_t count = 1;
+};
+
+/// The distance of a point from an anchor: one equation.
+struct Distance {
+  double length = 0.0;     ///< [m] above 0
+  Eigen::Vector3d anchor;  ///< [m] in W
+};
+
+/// What a row measures of a target. All errors of the row are lengths along the measured directions.
+using Reading = std::variant<Point, Pose, Coordinates, Distance>;
+
+/// One row of the file: all that is known of it.
 struct Observation {
-  Eigen::Vector3d position;        ///< [m] in the measuring device's frame W; see MeasuredCoordinates
-  double sigma = 0.0;              ///< [m] 1 sigma per coordinate; 0 if the file states none
-  std::int32_t configuration = 0;  ///< column of Measurements::joint_values
-  std::int32_t target = 0;         ///< index into Measurements::targets
-  std::int32_t repeat = 1;         ///< observations of one configuration with the same repeat were taken together
+  Reading reading;
+  double sigma = 0.0;                 ///< [m] 1 sigma per coordinate; 0 if the file states none
+  std::optional<std::int64_t> order;  ///< its place in the order of driving
+  std::int32_t configuration = 0;     ///< column of Measurements::joint_values
+  std::int32_t target = 0;            ///< index into Measurements::targets
+  std::int32_t repeat = 1;            ///< observations of one configuration with the same repeat were taken together
   Split split = Split::train;
   std::int16_t station = 0;  ///< index into Measurements::stations, the same for all rows of a configuration
+
+  /// [m] in W: the position of a point, a pose or coordinates, the anchor of a distance.
+  const Eigen::Vector3d& position() const;
+  Eigen::Vector3d& position();
+  /// The measured orientation; null if the row is no pose.
+  const Orientation* orientation() const {
+    const Pose* const pose = std::get_if<Pose>(&reading);
+    return pose == nullptr ? nullptr : &pose->orientation;
+  }
 };
-
-/// What an observation measures of a point p in W. All errors of the row are lengths along the measured directions.
-struct MeasuredCoordinates {
-  /// Projector P onto the measured directions: the identity for a whole point, n n^T for the coordinate along the unit
-  /// vector n, I - n n^T for all but that one. Observation::position is P p.
-  Eigen::Matrix3d directions = Eigen::Matrix3d::Identity();
-  /// [m] instead, the distance of p from the anchor, which is Observation::position; 0 if none is measured.
-  double distance = 0.0;
-
-  bool operator==(const MeasuredCoordinates&) const = default;
-};
-
-/// The orientation of an observation without measured orientation: NaN in all four coefficients.
-Eigen::Quaterniond point_alone();
-/// Whether this is point_alone().
-bool is_point(const Eigen::Quaterniond& orientation);
 
 /// Signals that the drives reported beside the joint values: joints x configurations each, or empty if unknown.
 struct DriveSignals {
@@ -71,15 +97,9 @@ struct Measurements {
   /// Names of the places of the measuring device (or of a plate), each with a frame W of its own; empty: one place
   /// without a name.
   std::vector<std::string> stations = {};
-  std::vector<Observation> observations;  ///< in the order of the file
-  /// Orientation of the target's frame in W, one per observation; point_alone() if not measured. Empty if only points
-  /// were measured.
-  std::vector<Eigen::Quaterniond> orientations;
-  /// One per observation, or empty if all rows are whole points. Otherwise `stations` has a name, and the distances of
-  /// a configuration have the same anchor.
-  std::vector<MeasuredCoordinates> coordinates = {};
-  /// Position of each observation in the order of driving; empty if unknown.
-  std::vector<std::int64_t> order;
+  /// In the order of the file. If a row is no whole point or pose, `stations` has a name. The distances of a
+  /// configuration have the same anchor. Either all rows have an order or none.
+  std::vector<Observation> observations;
   /// One per joint, or empty if unknown. The reader fills it from the header's units, unless a joint convention is
   /// used.
   std::vector<JointUnit> joint_units;
@@ -102,8 +122,8 @@ Measurements without_rows(const Measurements& measurements, const std::vector<st
 /// target are joined to the point, line or plane that they determine.
 Measurements averaged(const Measurements& measurements);
 
-/// The measurements of `first`, then those of `second`; joints, targets and stations must be the same. Orientations of
-/// either are kept, order and signals only if both have them.
+/// The measurements of `first`, then those of `second`; joints, targets and stations must be the same. Order and
+/// signals are kept only if both have them.
 Measurements joined(const Measurements& first, const Measurements& second);
 
 /// Reads measurements (CSV, see src/cli/README.md). `urdf_joints` are the moving joints of the chain, base to tip.
@@ -116,7 +136,7 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// configuration. The optional column `station` names the place of the measuring device. `remark` says how the file
 /// differs from one of measurements_csv. Of x, y and z a coordinate that was not measured is left empty; n_x, n_y, n_z
 /// and along instead of them are a unit vector and the coordinate along it, `distance` is that from the anchor x, y, z
-/// or the origin (see MeasuredCoordinates). Such a file without stations has one, W. A distance from another anchor
+/// or the origin (see Reading). Such a file without stations has one, W. A distance from another anchor
 /// than that of the configuration's first row is a configuration of its own.
 ///
 /// Orientations of targets, R = Rz(yaw) Ry(pitch) Rx(roll), come in one of five forms: qw, qx, qy, qz (normalised); rx,

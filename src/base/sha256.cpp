@@ -1,7 +1,5 @@
 #include "base/sha256.hpp"
 
-#include <nettle/sha2.h>
-
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -10,37 +8,27 @@
 #include "base/text_file.hpp"
 
 namespace kdl_calibration {
-namespace {
+Sha256::Sha256() { sha256_init(&state_); }
 
-class Digest {
-public:
-  Digest() { sha256_init(&state_); }
+void Sha256::add(std::string_view bytes) {
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): nettle takes bytes without a sign
+  sha256_update(&state_, bytes.size(), reinterpret_cast<const std::uint8_t*>(bytes.data()));
+}
 
-  void add(std::string_view bytes) {
-    // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): nettle takes bytes without a sign
-    sha256_update(&state_, bytes.size(), reinterpret_cast<const std::uint8_t*>(bytes.data()));
+std::string Sha256::hexadecimal() {
+  std::array<std::uint8_t, SHA256_DIGEST_SIZE> digest{};
+  sha256_digest(&state_, digest.size(), digest.data());
+  constexpr std::string_view kDigits = "0123456789abcdef";
+  std::string result;
+  for (const unsigned byte : digest) {
+    result += kDigits[byte >> 4U];
+    result += kDigits[byte & 0xFU];
   }
-
-  std::string hexadecimal() {
-    std::array<std::uint8_t, SHA256_DIGEST_SIZE> digest{};
-    sha256_digest(&state_, digest.size(), digest.data());
-    constexpr std::string_view kDigits = "0123456789abcdef";
-    std::string result;
-    for (const unsigned byte : digest) {
-      result += kDigits[byte >> 4U];
-      result += kDigits[byte & 0xFU];
-    }
-    return result;
-  }
-
-private:
-  sha256_ctx state_{};
-};
-
-}  // namespace
+  return result;
+}
 
 std::string sha256(std::string_view bytes) {
-  Digest digest;
+  Sha256 digest;
   digest.add(bytes);
   return digest.hexadecimal();
 }
@@ -49,7 +37,7 @@ std::string sha256_of_file(const std::filesystem::path& path) {
   constexpr std::size_t kPiece = std::size_t{1} << 16U;
   const File file = open_file(path);
   std::vector<char> piece(kPiece);
-  Digest digest;
+  Sha256 digest;
   for (std::size_t count = kPiece; count == kPiece;) {
     count = read_bytes(file.get(), piece.data(), kPiece, path.string());
     digest.add({piece.data(), count});

@@ -1,12 +1,26 @@
 #pragma once
 
-// SHA-256 (FIPS 180-4). Not installed.
+// SHA-256 (FIPS 180-4).
+
+#include <nettle/sha2.h>
 
 #include <filesystem>
 #include <string>
 #include <string_view>
 
 namespace kdl_calibration {
+
+/// The hash of bytes that come in pieces.
+class Sha256 {
+public:
+  Sha256();
+  void add(std::string_view bytes);
+  /// 64 lower-case hexadecimal digits; starts anew.
+  std::string hexadecimal();
+
+private:
+  sha256_ctx state_{};
+};
 
 /// 64 lower-case hexadecimal digits.
 std::string sha256(std::string_view bytes);

@@ -20,7 +20,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -106,7 +106,7 @@ NoiseBeforehand noise_beforehand(const Measurements& training, const Calibration
 }
 
 bool weighs_orientations(const Measurements& training, const CalibrationSettings& options) {
-  return options.estimator.method == Method::joint && !training.orientations.empty() &&
+  return options.estimator.method == Method::joint && has_orientations(training) &&
          !(options.noise.stated.orientation > 0.0);
 }
 

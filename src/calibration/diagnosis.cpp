@@ -11,7 +11,7 @@
 #include "calibration/doubts.hpp"
 #include "diagnosis/repeated_configurations.hpp"
 #include "estimation/identification.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
@@ -113,10 +113,8 @@ std::vector<std::string> earlier_warnings(const ModelSelection& selection, const
   }
   result.insert(result.end(), task.warnings.begin(), task.warnings.end());
   if (const std::size_t rows = rows_of_single_coordinates(measurements); rows > 0) {
-    const auto first = std::find_if(measurements.coordinates.begin(), measurements.coordinates.end(),
-                                    [](const MeasuredCoordinates& measured) { return coordinates_of(measured) < 3; });
     const Observation& row =
-        measurements.observations[static_cast<std::size_t>(first - measurements.coordinates.begin())];
+        *std::find_if_not(measurements.observations.begin(), measurements.observations.end(), is_whole);
     result.push_back(fmt::format(
         "{} of {} rows are single coordinates or distances, first {}:{}: their errors are lengths along the measured "
         "directions, less than those of whole points, and some checks are not tried",

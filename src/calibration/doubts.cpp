@@ -13,7 +13,7 @@
 #include "calibration/prior_check.hpp"
 #include "calibration/validation_stage.hpp"
 #include "estimation/input_check.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"

@@ -27,7 +27,7 @@ NewPointNoise new_point_noise(const NoiseReport& noise) {
 NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise) {
   const NoiseModel& model = noise.model;
   const double factor = noise.variance_factor / prediction.repeats;
-  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(model, {.position = prediction.place});
+  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(model, {.reading = Point{prediction.place}});
   sum.diagonal() += factor * model.common.cwiseAbs2();
   sum.diagonal().array() += model.misfit * model.misfit + model.target_misfit * model.target_misfit;
   const double s2 = sum.trace();

@@ -10,7 +10,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "noise/lack_of_fit.hpp"
 #include "noise/noise_components.hpp"
 #include "noise/pseudo_values.hpp"
@@ -114,9 +114,8 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
     const ResidualNoise components = noise_from_residuals(fitted.system, fitted.rank, unit_weight);
     noise.independent.setConstant(components.independent / std::sqrt(factor));
     noise.misfit = components.common / std::sqrt(factor);
-    result.covariance = measurements.orientations.empty()
-                            ? covariance(fitted.system, components, unit_weight)
-                            : covariance(fitted.system.sqrt_information, factor * variance);
+    result.covariance = has_orientations(measurements) ? covariance(fitted.system.sqrt_information, factor * variance)
+                                                       : covariance(fitted.system, components, unit_weight);
   }
   result.report = std::move(noise);
   return result;

@@ -11,7 +11,7 @@
 #include "calibration/noise_report.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 #include "validation/fold_prediction.hpp"
 #include "validation/validation.hpp"
@@ -180,8 +180,8 @@ NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehan
     variance += (point_covariance(noise, observation).trace() + noise.common.squaredNorm()) / 3.0;
     rows += 1.0;
   }
-  const int means = coordinates_of(averaged(measurements));
-  const double repeats = static_cast<double>(coordinates_of(measurements)) / std::max(means, 1);
+  const int means = dimension(averaged(measurements));
+  const double repeats = static_cast<double>(dimension(measurements)) / std::max(means, 1);
   if (!noise_is_stated(measurements, noise)) {
     noise.independent.setConstant(sigma * std::sqrt(repeats));
     return noise;

@@ -11,8 +11,8 @@
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 #include "noise/noise_components.hpp"
 
 namespace kdl_calibration {
@@ -70,7 +70,7 @@ void require_comparable_orientations(const Measurements& measurements, const Noi
   if (!(options.stated.orientation > 0.0)) {
     return;
   }
-  if (measurements.orientations.empty()) {
+  if (!has_orientations(measurements)) {
     throw OptionError("noise.orientation", "no row of " + measurements.source + " has a quaternion");
   }
   const bool every_row = std::all_of(measurements.observations.begin(), measurements.observations.end(),
@@ -97,7 +97,7 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
   if (!free_base || !free_targets) {
     throw OptionError("method", "the two-step procedure finds base and targets, which cannot be known or fixed");
   }
-  if (!measurements.orientations.empty()) {
+  if (has_orientations(measurements)) {
     throw OptionError("method", "the two-step procedure fits points; the measured orientations of " +
                                     measurements.source + " need the joint estimate");
   }

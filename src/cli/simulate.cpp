@@ -208,8 +208,10 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   }
   result.measurements = along_directions(std::move(result.measurements), arguments.places.directions);
   if (arguments.order) {
-    result.measurements.order.resize(result.measurements.observations.size());
-    std::iota(result.measurements.order.begin(), result.measurements.order.end(), std::int64_t{1});
+    std::int64_t order = 0;
+    for (Observation& observation : result.measurements.observations) {
+      observation.order = ++order;
+    }
   }
   result.truth = truth_of(robot, arguments, set, result.robot);
   return result;

@@ -54,7 +54,7 @@ Eigen::MatrixXd of_rows(const Measurements& touches) {
 Matrix3Xd points_of(const Measurements& touches) {
   Matrix3Xd points(3, static_cast<Index>(touches.observations.size()));
   for (Index i = 0; i < points.cols(); ++i) {
-    points.col(i) = touches.observations[static_cast<std::size_t>(i)].position;
+    points.col(i) = touches.observations[static_cast<std::size_t>(i)].position();
   }
   return points.isZero(0.0) ? Matrix3Xd() : points;
 }

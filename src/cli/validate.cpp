@@ -17,7 +17,7 @@
 #include "cli/truth_report.hpp"
 #include "diagnosis/alternative_readings.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
 #include "planning/simulation.hpp"

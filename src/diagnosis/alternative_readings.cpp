@@ -21,6 +21,7 @@
 #include "diagnosis/trial_fit.hpp"
 #include "diagnosis/trial_sample.hpp"
 #include "estimation/input_check.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -270,7 +271,7 @@ private:
     }
     const std::string how =
         fmt::format("{} (turned by {:.2g} mrad)", in_mm(found->moved), found->rotation.norm() * 1e3);
-    const std::string order = sample_.measurements.order.empty() ? " if the file is in the order of measurement" : "";
+    const std::string order = !has_order(sample_.measurements) ? " if the file is in the order of measurement" : "";
     if (found->kind == OrderFinding::Kind::drift_of_base) {
       add_reading(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
                   found->left, fitted_);
@@ -392,7 +393,7 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
   std::vector<AlternativeReading> found =
       ReadingTrials(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
   const bool doubted = std::any_of(found.begin(), found.end(), [](const AlternativeReading& one) { return one.doubt; });
-  if (!doubted && !measurements.orientations.empty()) {
+  if (!doubted && has_orientations(measurements)) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
     const auto of_orientations = [&] {
       return AlternativeReading{.cause = Cause::orientations, .message = turned->message};

@@ -12,7 +12,7 @@
 #include "diagnosis/trial_fit.hpp"
 #include "diagnosis/trial_sample.hpp"
 #include "estimation/least_squares.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 
@@ -27,10 +27,10 @@ using Eigen::VectorXd;
 Measurements longer(Measurements measurements, double factor) {
   for (Observation& observation : measurements.observations) {
     observation.sigma = 0.0;
-    observation.position *= factor;
-  }
-  for (MeasuredCoordinates& measured : measurements.coordinates) {
-    measured.distance *= factor;
+    observation.position() *= factor;
+    if (auto* const distance = std::get_if<Distance>(&observation.reading)) {
+      distance->length *= factor;
+    }
   }
   return measurements;
 }
@@ -39,11 +39,11 @@ Measurements longer(Measurements measurements, double factor) {
 Measurements longer_about_means(const Measurements& measurements, double factor) {
   MatrixXd sums = MatrixXd::Zero(4, std::ssize(measurements.stations));
   for (const Observation& observation : measurements.observations) {
-    sums.col(observation.station) += observation.position.homogeneous();
+    sums.col(observation.station) += observation.position().homogeneous();
   }
   Measurements result = longer(measurements, factor);
   for (Observation& observation : result.observations) {
-    observation.position += (1.0 - factor) * sums.col(observation.station).hnormalized();
+    observation.position() += (1.0 - factor) * sums.col(observation.station).hnormalized();
   }
   return result;
 }
@@ -59,8 +59,7 @@ struct NormalSums {
 
 NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const Estimate& fit, const Unknowns& free) {
   constexpr double kStep = 1e-3;
-  measurements.orientations.clear();
-  measurements = longer(std::move(measurements), 1.0);
+  measurements = longer(without_orientations(std::move(measurements)), 1.0);
   const Unknowns complete = free.with_all(model, UnknownGroup::geometric);
   const auto linearised = [&](const Measurements& rows, const Unknowns& unknowns) {
     NormalEquations equations = LeastSquaresProblem(model, rows, unknowns).linearise(fit);
@@ -76,7 +75,7 @@ NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const
   return {.information = at_fit.hessian,
           .cross = linearised(measurements, complete).hessian(columns, Eigen::seqN(first, count)),
           .right_side = (linearised(longer(measurements, 1.0 + kStep), free).gradient - at_fit.gradient) / kStep,
-          .variance = at_fit.cost / coordinates_of(measurements)};
+          .variance = at_fit.cost / dimension(measurements)};
 }
 
 // What a regression of y on x in the metric of C gives: the slope x' C^-1 y / x' C^-1 x, and the sums of squares of y
@@ -218,7 +217,7 @@ double nominal_misfit(const ErrorModel& model, const Measurements& measurements,
   const Measurements rows = longer(measurements, factor);
   const Estimate nominal = nominal_start(model, rows);
   const double cost = LeastSquaresProblem(model, rows, Unknowns(model, nominal.targets, {})).cost(nominal);
-  return std::sqrt(cost / coordinates_of(rows));
+  return std::sqrt(cost / dimension(rows));
 }
 
 }  // namespace kdl_calibration

@@ -48,13 +48,13 @@ constexpr std::array kUnits = {Unit{true, kDegree, "in degrees, read as radians"
                                Unit{false, 25.4, "in inches, read as millimetres"}};
 
 // The joint values of the file and the convention that converts them.
-struct Reading {
+struct JointReading {
   MatrixXd matrix;
   VectorXd offset;
 };
 
 ConventionTrial trial(std::optional<Cause> cause, std::string description, const MatrixXd& controller_values,
-                      const Reading& reading) {
+                      const JointReading& reading) {
   return {.cause = cause,
           .description = std::move(description),
           .registered = kInfinity,
@@ -71,8 +71,8 @@ bool same_reading(const ConventionTrial& a, const ConventionTrial& b) {
 }
 
 // The convention with rows ordered as the independent joints and columns as in `used`; empty for other joints.
-std::optional<Reading> reading_of(const JointConvention& convention, const std::vector<std::string>& joints,
-                                  const JointConvention* used) {
+std::optional<JointReading> reading_of(const JointConvention& convention, const std::vector<std::string>& joints,
+                                       const JointConvention* used) {
   const auto known = [&](const std::string& name) {
     return std::find(convention.urdf_joints.begin(), convention.urdf_joints.end(), name) !=
            convention.urdf_joints.end();
@@ -81,7 +81,7 @@ std::optional<Reading> reading_of(const JointConvention& convention, const std::
     return std::nullopt;
   }
   const JointConvention ordered = matched_convention(convention, joints);
-  Reading reading{.matrix = ordered.matrix, .offset = ordered.offset};
+  JointReading reading{.matrix = ordered.matrix, .offset = ordered.offset};
   if (used != nullptr) {
     for (std::size_t j = 0; j < used->controller_joints.size(); ++j) {
       const auto found =
@@ -133,7 +133,7 @@ private:
     return used_ != nullptr ? used_->controller_joints[static_cast<std::size_t>(j)] : std::string();
   }
   bool turns(Index j) const { return joints_[static_cast<std::size_t>(j)].type != JointType::prismatic; }
-  Reading as_they_are() const {
+  JointReading as_they_are() const {
     return {.matrix = MatrixXd::Identity(joint_count(), joint_count()), .offset = VectorXd::Zero(joint_count())};
   }
 
@@ -226,7 +226,7 @@ private:
   void add_rest() {
     for (Index j = 0; j < joint_count(); ++j) {
       for (const double at : {0.0, controller_.cols() > 0 ? (present_.matrix * controller_.col(0))[j] : 0.0}) {
-        Reading reading = present_;
+        JointReading reading = present_;
         reading.matrix.row(j).setZero();
         reading.offset[j] += at;
         const std::string where = at == 0.0 ? " at rest at zero" : " at rest at its first value";
@@ -254,7 +254,7 @@ private:
   std::vector<MovingJoint> joints_;
   std::vector<bool> parallel_;
   const JointConvention* used_;
-  Reading present_;
+  JointReading present_;
   MatrixXd controller_;
   std::vector<ConventionTrial> trials_;
 };

@@ -40,7 +40,7 @@ std::vector<std::vector<std::size_t>> visits_of(const Measurements& measurements
     visits.push_back(std::move(rows));
   }
   const auto when = [&](const std::vector<std::size_t>& rows) {
-    return measurements.order.empty() ? static_cast<std::int64_t>(rows.front()) : measurements.order[rows.front()];
+    return measurements.observations[rows.front()].order.value_or(static_cast<std::int64_t>(rows.front()));
   };
   std::stable_sort(visits.begin(), visits.end(), [&](const auto& a, const auto& b) { return when(a) < when(b); });
   return visits;
@@ -156,7 +156,7 @@ private:
         const Observation& o = observation(row);
         const auto c = static_cast<std::size_t>(o.configuration);
         const auto k = static_cast<std::size_t>(o.target);
-        residuals_[row] = o.position - poses_[c] * estimate.targets[k].X_FT.translation();
+        residuals_[row] = o.position() - poses_[c] * estimate.targets[k].X_FT.translation();
         H.selfadjointView<Eigen::Lower>().rankUpdate(jacobians_[c][k].transpose());
         g += jacobians_[c][k].transpose() * residuals_[row];
         sum += residuals_[row].squaredNorm();
@@ -257,11 +257,11 @@ struct Spread {
 // For each visit, whether the points before it and the points from it on both determine a pose of the base.
 std::vector<bool> both_parts_tell_a_base(const OrderedResiduals& residuals) {
   constexpr double kShare = 0.05;  // relative to the spread of all points
-  const Vector3d origin = residuals.observation(residuals.rows(0).front()).position;
+  const Vector3d origin = residuals.observation(residuals.rows(0).front()).position();
   Spread all;
   for (Index visit = 0; visit < residuals.visits(); ++visit) {
     for (const std::size_t row : residuals.rows(visit)) {
-      all.add(residuals.observation(row).position - origin);
+      all.add(residuals.observation(row).position() - origin);
     }
   }
   const double least = kShare * all.beside_line();
@@ -271,8 +271,8 @@ std::vector<bool> both_parts_tell_a_base(const OrderedResiduals& residuals) {
   for (Index visit = 0; visit < residuals.visits(); ++visit) {
     result.push_back(visit > 0 && before.beside_line() > least && behind.beside_line() > least);
     for (const std::size_t row : residuals.rows(visit)) {
-      before.add(residuals.observation(row).position - origin);
-      behind.add(residuals.observation(row).position - origin, -1.0);
+      before.add(residuals.observation(row).position() - origin);
+      behind.add(residuals.observation(row).position() - origin, -1.0);
     }
   }
   return result;

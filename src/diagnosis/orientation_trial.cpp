@@ -13,6 +13,7 @@
 #include "base/robust_statistics.hpp"
 #include "diagnosis/trial_fit.hpp"
 #include "estimation/prediction.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -59,14 +60,14 @@ using OrientationRows = std::vector<std::vector<Row>>;
 OrientationRows rows_of(const ErrorModel& model, const Measurements& measurements, const Estimate& fit) {
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, fit, measurements);
   OrientationRows result(measurements.targets.size());
-  for (std::size_t row = 0; row < measurements.orientations.size(); ++row) {
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
-    if (observation.split == Split::train && !std::isnan(measurements.orientations[row].w())) {
+    if (observation.split == Split::train && has_orientation(observation)) {
       const auto& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
       result[static_cast<std::size_t>(observation.target)].push_back(
           {.row = row,
            .flange = Quaterniond(fit.X_WB.linear() * pose.linear()),
-           .measured = measurements.orientations[row]});
+           .measured = *observation.orientation()});
     }
   }
   return result;

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <utility>
 
+#include "measurements/readings.hpp"
+
 namespace kdl_calibration {
 namespace {
 
@@ -22,7 +24,7 @@ const Eigen::Isometry3d& pose_of(const std::vector<Eigen::Isometry3d>& X_BF, con
 Vector3d centroid(const Measurements& measurements) {
   Vector3d sum = Vector3d::Zero();
   for (const Observation& observation : measurements.observations) {
-    sum += observation.position;
+    sum += observation.position();
   }
   return sum / static_cast<double>(std::max<std::size_t>(measurements.observations.size(), 1));
 }
@@ -50,15 +52,14 @@ void add_equations(const Eigen::Isometry3d& X_BF, const Vector3d& z, Index targe
 
 Measurements mirrored(Measurements measurements) {
   for (Observation& observation : measurements.observations) {
-    observation.position.x() = -observation.position.x();
+    observation.position().x() = -observation.position().x();
   }
-  measurements.orientations.clear();
-  return measurements;
+  return without_orientations(std::move(measurements));
 }
 
 Measurements divided(Measurements measurements, const Vector3d& factors) {
   for (Observation& observation : measurements.observations) {
-    observation.position = observation.position.cwiseQuotient(factors);
+    observation.position() = observation.position().cwiseQuotient(factors);
   }
   return measurements;
 }
@@ -68,7 +69,7 @@ std::optional<Vector3d> coordinate_scales(const std::vector<Eigen::Isometry3d>& 
   const Vector3d centre = centroid(measurements);
   Vector3d spread = Vector3d::Zero();
   for (const Observation& observation : measurements.observations) {
-    spread += (observation.position - centre).cwiseAbs2();
+    spread += (observation.position() - centre).cwiseAbs2();
   }
   spread = (spread / static_cast<double>(std::max<std::size_t>(measurements.observations.size(), 1))).cwiseSqrt();
   if (!(spread.minCoeff() > 0.0)) {
@@ -78,8 +79,8 @@ std::optional<Vector3d> coordinate_scales(const std::vector<Eigen::Isometry3d>& 
   MatrixXd H = MatrixXd::Zero(unknowns, unknowns);
   VectorXd g = VectorXd::Zero(unknowns);
   for (const Observation& observation : measurements.observations) {
-    add_equations(pose_of(X_BF, observation), (observation.position - centre).cwiseQuotient(spread), observation.target,
-                  H, g);
+    add_equations(pose_of(X_BF, observation), (observation.position() - centre).cwiseQuotient(spread),
+                  observation.target, H, g);
   }
   H.diagonal().array() += 1e-12 * H.diagonal().maxCoeff();  // regularised for targets without rows and for a single
                                                             // configuration
@@ -118,13 +119,13 @@ Motion motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& me
   for (const Observation& observation : measurements.observations) {
     const auto k = static_cast<std::size_t>(observation.target);
     counts[k] += 1.0;
-    points[k] += observation.position;
+    points[k] += observation.position();
     flanges[k] += pose_of(X_BF, observation).translation();
   }
   Motion sum;
   for (const Observation& observation : measurements.observations) {
     const auto k = static_cast<std::size_t>(observation.target);
-    sum.points += (observation.position - points[k] / counts[k]).squaredNorm();
+    sum.points += (observation.position() - points[k] / counts[k]).squaredNorm();
     sum.flange += (pose_of(X_BF, observation).translation() - flanges[k] / counts[k]).squaredNorm();
   }
   const auto count = static_cast<double>(std::max<std::size_t>(measurements.observations.size(), 1));
@@ -159,8 +160,8 @@ std::vector<double> nearer_to_each_other(const std::vector<Eigen::Isometry3d>& X
       const Eigen::Isometry3d& pose = pose_of(X_BF, observation);
       const int other = observation.target == first ? second : first;
       result[static_cast<std::size_t>(observation.configuration)] +=
-          (observation.position - place(pose, observation.target)).squaredNorm() -
-          (observation.position - place(pose, other)).squaredNorm();
+          (observation.position() - place(pose, observation.target)).squaredNorm() -
+          (observation.position() - place(pose, other)).squaredNorm();
     }
   }
   return result;
@@ -201,12 +202,10 @@ std::optional<Exchange> exchanged_targets(const std::vector<Eigen::Isometry3d>& 
     return std::nullopt;
   }
   for (const bool from_front : {true, false}) {
-    Measurements reference = measurements;
+    Measurements reference = without_order(without_orientations(measurements));
     std::erase_if(reference.observations, [&](const Observation& observation) {
       return from_front ? observation.configuration >= count / 3 : observation.configuration < count - count / 3;
     });
-    reference.orientations.clear();
-    reference.order.clear();
     const Registration registration = register_base_and_targets(X_BF, reference, options);
     for (int first = 0; first < targets; ++first) {
       for (int second = first + 1; second < targets; ++second) {

@@ -48,7 +48,7 @@ bool is_copy(const Measurements& measurements, const Twins& twins) {
     return test.split == Split::test && test.configuration == twins.second &&
            std::any_of(rows.begin(), rows.end(), [&](const Observation& train) {
              return train.split == Split::train && train.configuration == twins.first && train.target == test.target &&
-                    train.position == test.position;
+                    train.position() == test.position();
            });
   });
 }

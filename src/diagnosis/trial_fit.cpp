@@ -40,7 +40,7 @@ double rms_of(const ErrorModel& model, const Measurements& measurements, const E
   double sum = 0.0;
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
-    sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
+    sum += (observation.position() - predicted_point(estimate, X_BF, observation)).squaredNorm();
     count += 1.0;
   }
   const double rms = std::sqrt(sum / count);

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 
@@ -25,8 +26,8 @@ std::vector<std::size_t> coordinates(std::vector<std::size_t> of_targets) {
 
 TrialSample trial_sample(const ErrorModel& model, const Measurements& measurements, const Unknowns& free,
                          std::size_t most_configurations) {
-  TrialSample sample{.measurements = training_sample(measurements, most_configurations), .free = free};
-  sample.measurements.orientations.clear();
+  TrialSample sample{.measurements = without_orientations(training_sample(measurements, most_configurations)),
+                     .free = free};
   for (Observation& observation : sample.measurements.observations) {
     observation.sigma = 0.0;
   }
@@ -80,15 +81,16 @@ PosePoints pose_points(const ErrorModel& model, const Measurements& measurements
     result.measurements.targets.push_back(target.name);
   }
   result.measurements.observations.clear();
-  result.measurements.orientations.clear();
-  result.measurements.order.clear();
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    const Eigen::Quaterniond& orientation = measurements.orientations[row];
-    const std::size_t points = is_point(orientation) ? 1 : levers().size();
+  for (const Observation& observation : measurements.observations) {
+    const Orientation* const orientation = observation.orientation();
+    const std::size_t points = orientation == nullptr ? 1 : levers().size();
     for (std::size_t i = 0; i < points; ++i) {
-      Observation point = measurements.observations[row];
+      Observation point = observation;
       point.target = static_cast<std::int32_t>(levers().size()) * point.target + static_cast<std::int32_t>(i);
-      point.position += points > 1 ? Vector3d(orientation * levers()[i].p_T) : Vector3d::Zero();
+      point.order.reset();
+      if (orientation != nullptr) {
+        point.reading = Point{observation.position() + *orientation * levers()[i].p_T};
+      }
       result.measurements.observations.push_back(point);
     }
   }

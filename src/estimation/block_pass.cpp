@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <map>
 
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 

@@ -11,7 +11,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -127,7 +127,7 @@ void check(const ResidualOptions& options, const Measurements& measurements) {
                      ": single coordinates with a noise by axis, of the tracker or common to points: expected one "
                      "sigma for all coordinates");
   }
-  if (has_single_coordinates(measurements) && !measurements.orientations.empty()) {
+  if (has_single_coordinates(measurements) && has_orientations(measurements)) {
     throw InputError(measurements.source + ": orientations beside single coordinates, expected one of the two");
   }
   if (!options.row_weights.empty()) {

@@ -10,8 +10,8 @@
 #include "estimation/chain_kernel.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 namespace {

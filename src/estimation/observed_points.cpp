@@ -8,7 +8,7 @@
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -75,7 +75,8 @@ Gathering::Gathering(const Measurements& measurements, const ResidualOptions& op
       isotropic_(options.noise.is_isotropic()),
       order_(order_of_configurations(measurements)),
       points_(measurements.targets.size()),
-      seen_(measurements.targets.size(), false) {}
+      seen_(measurements.targets.size(), false),
+      single_coordinates_(has_single_coordinates(measurements)) {}
 
 // Test rows and rows of weight zero are not fitted.
 bool Gathering::is_fitted(std::size_t row) const {
@@ -96,7 +97,7 @@ const ObservedConfiguration* Gathering::next() {
       }
     }
   }
-  if (has_single_coordinates(measurements_)) {
+  if (single_coordinates_) {
     for (const std::uint32_t row : rows_) {
       add_coordinates(row);
     }
@@ -120,7 +121,7 @@ void Gathering::add_row(std::size_t row) {
   ObservedPoint& point = points_[target];
   const double information = position_information(options_, observation);
   const double weight = options_.row_weight(row) * information;
-  const Vector3d deviation = observation.position - point.position;
+  const Vector3d deviation = observation.position() - point.position;
   point.position += deviation * (weight / (point.weight + weight));
   totals_.cost_of_repeats += deviation.squaredNorm() * weight * point.weight / (point.weight + weight);
   point.weight += weight;
@@ -138,37 +139,38 @@ void Gathering::add_coordinates(std::size_t row) {
   const auto target = static_cast<std::size_t>(observation.target);
   ObservedPoint& point = points_[target];
   const double weight = options_.row_weight(row) * position_information(options_, observation);
-  if (const double distance = measurements_.coordinates[row].distance; distance > 0.0) {
-    const double deviation = distance - point.distance;
+  if (const auto* const distance = std::get_if<Distance>(&observation.reading)) {
+    const double deviation = distance->length - point.distance;
     const double share = weight / (point.weight + weight);
     totals_.cost_of_repeats += deviation * deviation * share * point.weight;
     point.distance += share * deviation;
     point.weight += weight;
-    point.position = observation.position;
+    point.position = observation.position();
   } else {
     const Matrix3d before = point.information;
-    point.information += weight * measurements_.coordinates[row].directions;
-    const Vector3d deviation = difference_at(measurements_, row, point.position);
+    point.information += weight * directions(observation.reading, point.position);
+    const Vector3d deviation = measured_minus_predicted(observation.reading, point.position);
     const Eigen::Matrix3Xd R = root_of_directions(point.information);
     const Vector3d step = inverse_on_directions(R) * (weight * deviation);
     point.directions = projector(R);
     point.position += step;
     totals_.cost_of_repeats +=
-        step.dot(before * step) + weight * difference_at(measurements_, row, point.position).squaredNorm();
+        step.dot(before * step) + weight * measured_minus_predicted(observation.reading, point.position).squaredNorm();
   }
   seen_[target] = true;
-  totals_.equations += coordinates_of(measurements_, row);
+  totals_.equations += dimension(observation.reading);
   totals_.points += 1;
   totals_.weight += weight;
 }
 
 // Running mean of close rotations: along the geodesic by the new one's share.
 void Gathering::add_orientation(std::size_t row, double position_information, ObservedPoint& point) {
-  if (measurements_.orientations.empty() || is_point(measurements_.orientations[row])) {
+  const Orientation* const orientation = measurements_.observations[row].orientation();
+  if (orientation == nullptr) {
     return;
   }
   const double weight = options_.row_weight(row) * orientation_information(options_, position_information);
-  const Matrix3d Z = measurements_.orientations[row].toRotationMatrix();
+  const Matrix3d Z = orientation->toRotationMatrix();
   if (point.orientation_weight == 0.0) {
     point.orientation = Z;
   } else {
@@ -290,11 +292,11 @@ void Gathering::take_means() {
       const auto target = static_cast<std::size_t>(observation.target);
       ObservedPoint& point = points_[target];
       if (!seen_[target]) {
-        point.position = observation.position;
+        point.position = observation.position();
         seen_[target] = true;
       }
-      deviations_.segment<3>(static_cast<Index>(3 * (i - repeat.begin))) = observation.position - point.position;
-      if (!measurements_.orientations.empty()) {
+      deviations_.segment<3>(static_cast<Index>(3 * (i - repeat.begin))) = observation.position() - point.position;
+      if (has_orientation(observation)) {
         add_orientation(rows_[i], 3.0 / point_covariance(options_.noise, observation).trace(), point);
       }
     }

@@ -99,6 +99,7 @@ private:
   std::vector<std::uint32_t> rows_;    // rows of the present configuration
   std::vector<ObservedPoint> points_;  // of the present configuration, by target
   std::vector<bool> seen_;             // targets seen in it
+  bool single_coordinates_ = false;    // whether some row is no whole point
   // Covariances common to many repeats and configurations are factorised once.
   Pattern pattern_;  // of the previous configuration
   Eigen::MatrixXd covariance_;

@@ -2,8 +2,8 @@
 
 #include "base/preconditions.hpp"
 #include "effects/joint_effects.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 
@@ -25,6 +25,16 @@ std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& es
   return flange_poses(model, estimate, measurements.joint_values, measurements.signals);
 }
 
+Residual residual(const Reading& reading, const Isometry3d& predicted_target_in_W) {
+  const Vector3d f = predicted_target_in_W.translation();
+  Residual result{
+      .position = measured_minus_predicted(reading, f), .directions = directions(reading, f), .rotation = {}};
+  if (const auto* const pose = std::get_if<Pose>(&reading)) {
+    result.rotation = rotation_log(predicted_target_in_W.linear().transpose() * pose->orientation.toRotationMatrix());
+  }
+  return result;
+}
+
 Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
                          const Observation& observation) {
   require_index("the configuration", observation.configuration, X_BF.size());
@@ -34,9 +44,9 @@ Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>
           estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
 }
 
-Vector3d measured_minus_predicted(const Measurements& measurements, std::size_t row, const Estimate& estimate,
+Vector3d measured_minus_predicted(const Observation& observation, const Estimate& estimate,
                                   const std::vector<Isometry3d>& X_BF) {
-  return difference_at(measurements, row, predicted_point(estimate, X_BF, measurements.observations[row]));
+  return measured_minus_predicted(observation.reading, predicted_point(estimate, X_BF, observation));
 }
 
 std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& estimate,
@@ -44,8 +54,8 @@ std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& esti
   const std::vector<Isometry3d> X_BF = flange_poses(model, estimate, measurements);
   std::vector<Vector3d> result;
   result.reserve(measurements.observations.size());
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    result.push_back(measured_minus_predicted(measurements, row, estimate, X_BF));
+  for (const Observation& observation : measurements.observations) {
+    result.push_back(measured_minus_predicted(observation, estimate, X_BF));
   }
   return result;
 }

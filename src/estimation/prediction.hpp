@@ -25,8 +25,17 @@ std::vector<Eigen::Isometry3d> flange_poses(const ErrorModel& model, const Estim
 Eigen::Vector3d predicted_point(const Estimate& estimate, const std::vector<Eigen::Isometry3d>& X_BF,
                                 const Observation& observation);
 
-/// Measured minus predicted position of a row [m], along its measured directions; see difference_at.
-Eigen::Vector3d measured_minus_predicted(const Measurements& measurements, std::size_t row, const Estimate& estimate,
+/// Measured minus predicted, of one reading.
+struct Residual {
+  Eigen::Vector3d position;    ///< [m] in W, see measured_minus_predicted of a reading
+  Eigen::Matrix3d directions;  ///< the projector P onto the measured directions: d position = -P d(predicted position)
+  /// [rad] log(R^T Z) in the target's frame, of a measured orientation Z and the predicted one R.
+  std::optional<Eigen::Vector3d> rotation;
+};
+Residual residual(const Reading& reading, const Eigen::Isometry3d& predicted_target_in_W);
+
+/// Measured minus predicted position of a row [m], along its measured directions.
+Eigen::Vector3d measured_minus_predicted(const Observation& observation, const Estimate& estimate,
                                          const std::vector<Eigen::Isometry3d>& X_BF);
 
 /// The same for each row.

@@ -13,7 +13,7 @@
 #include "estimation/prediction.hpp"
 #include "estimation/station_registration.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
@@ -56,16 +56,15 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
   sums.targets.resize(measurements.targets.size());
   sums.count = static_cast<double>(measurements.observations.size());
   for (const Observation& observation : measurements.observations) {
-    sums.z_mean += observation.position;
+    sums.z_mean += observation.position();
   }
   sums.z_mean /= std::max(sums.count, 1.0);
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    const Observation& observation = measurements.observations[row];
+  for (const Observation& observation : measurements.observations) {
     const auto k = static_cast<std::size_t>(observation.target);
     const Eigen::Isometry3d& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
     const Matrix3d R = pose.linear();
     const double w = observation.sigma > 0.0 ? 1.0 / (observation.sigma * observation.sigma) : 1.0;
-    const Vector3d z = observation.position - sums.z_mean;
+    const Vector3d z = observation.position() - sums.z_mean;
     const Vector3d p = known[k] != nullptr ? Vector3d(pose * known[k]->X_FT.translation()) : pose.translation();
     sums.weight += w;
     sums.z += w * z;
@@ -80,9 +79,9 @@ Sums accumulate(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& 
       target.Rt_p += w * (R.transpose() * p);
       target.Rt_z += kroneckerProduct(w * z.transpose(), R.transpose());
     }
-    if (!measurements.orientations.empty() && !std::isnan(measurements.orientations[row].w())) {
+    if (const Orientation* const orientation = observation.orientation()) {
       const double weight = w * options.orientation_length * options.orientation_length;
-      const Matrix3d Z = measurements.orientations[row].toRotationMatrix();
+      const Matrix3d Z = orientation->toRotationMatrix();
       target.orientation_weight += weight;
       target.Rt_Z += kroneckerProduct(weight * Z.transpose(), R.transpose());
     }
@@ -357,7 +356,7 @@ double rms_of(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& tr
   const Estimate estimate{.errors = {}, .X_WB = found.X_WB, .targets = found.targets, .effects = {}};
   double sum = 0.0;
   for (const Observation& observation : training.observations) {
-    sum += (observation.position - predicted_point(estimate, X_BF, observation)).squaredNorm();
+    sum += (observation.position() - predicted_point(estimate, X_BF, observation)).squaredNorm();
   }
   return std::sqrt(sum / std::max(static_cast<double>(training.observations.size()), 1.0));
 }
@@ -450,8 +449,7 @@ double least_misfit(const std::vector<Eigen::Isometry3d>& X_BF, const Measuremen
   constexpr double kRidge = 1e-10;  // relative to the form; keeps undetermined matrices small
   constexpr double kRounding = 1e-13;
   check_poses(X_BF, measurements);
-  Measurements points = *TrainingRows(measurements);
-  points.orientations.clear();
+  Measurements points = without_orientations(*TrainingRows(measurements));
   for (Observation& observation : points.observations) {
     observation.sigma = 0.0;
   }

@@ -20,10 +20,10 @@ Matrix3d point_covariance(const NoiseModel& noise, const Observation& observatio
     return observation.sigma * observation.sigma * Matrix3d::Identity();
   }
   if (noise.tracker) {
-    const double distance = observation.position.norm();
+    const double distance = observation.position().norm();
     const double range = noise.tracker->range + noise.tracker->range_per_metre * distance;
     const double transverse = noise.tracker->transverse + noise.tracker->transverse_per_metre * distance;
-    const Vector3d line = distance > 0.0 ? Vector3d(observation.position / distance) : Vector3d::UnitZ();
+    const Vector3d line = distance > 0.0 ? Vector3d(observation.position() / distance) : Vector3d::UnitZ();
     const Matrix3d along = line * line.transpose();
     return range * range * along + transverse * transverse * (Matrix3d::Identity() - along);
   }

@@ -15,7 +15,7 @@
 #include "estimation/prediction.hpp"
 #include "estimation/scaled_solver.hpp"
 #include "estimation/unknowns.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -135,8 +135,7 @@ private:
   NormalEquations linearise(const Estimate& estimate) const {
     const auto size = static_cast<Index>(6 * is_known_.size());
     NormalEquations equations{.hessian = MatrixXd::Zero(size, size), .gradient = VectorXd::Zero(size)};
-    for (std::size_t row = 0; row < training_.observations.size(); ++row) {
-      const Observation& o = training_.observations[row];
+    for (const Observation& o : training_.observations) {
       const auto target = static_cast<std::size_t>(o.target);
       const std::array<Index, 2> first = {static_cast<Index>(6 * station_of(o)),
                                           static_cast<Index>(6 * (bases_ + target))};
@@ -146,18 +145,17 @@ private:
       const double weight = o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0;
       Eigen::Matrix<double, 3, 12> jacobian;
       jacobian << X_WB.linear(), -X_WB.linear() * skew(X_BT.translation()), R_WF, Matrix3d::Zero();
-      const Vector3d predicted = X_WB * X_BT.translation();
-      if (has_single_coordinates(training_)) {
-        jacobian = directions_at(training_, row, predicted) * Eigen::Matrix<double, 3, 12>(jacobian);
-      }
-      add(difference_at(training_, row, predicted), jacobian, weight, first, equations);
-      if (training_.orientations.empty() || is_point(training_.orientations[row])) {
+      Isometry3d X_WT = X_WB * X_BT;
+      X_WT.translation() = X_WB * X_BT.translation();
+      const Residual residual = kdl_calibration::residual(o.reading, X_WT);
+      jacobian = residual.directions * Eigen::Matrix<double, 3, 12>(jacobian);
+      add(residual.position, jacobian, weight, first, equations);
+      if (!residual.rotation) {
         continue;
       }
-      const Matrix3d R_TB = X_BT.linear().transpose();
-      jacobian << Matrix3d::Zero(), R_TB, Matrix3d::Zero(), Matrix3d::Identity();
-      add(rotation_log(R_TB * X_WB.linear().transpose() * training_.orientations[row].toRotationMatrix()), jacobian,
-          weight * options_.orientation_length * options_.orientation_length, first, equations);
+      jacobian << Matrix3d::Zero(), X_BT.linear().transpose(), Matrix3d::Zero(), Matrix3d::Identity();
+      add(*residual.rotation, jacobian, weight * options_.orientation_length * options_.orientation_length, first,
+          equations);
     }
     return equations;
   }
@@ -191,7 +189,7 @@ Isometry3d base_from_distances(const std::vector<Isometry3d>& X_BF, const Measur
                                const std::vector<TargetFrame>& targets) {
   std::map<std::array<double, 3>, std::vector<std::size_t>> of_anchor;
   for (std::size_t row = 0; row < training.observations.size(); ++row) {
-    const Vector3d& a = training.observations[row].position;
+    const Vector3d& a = training.observations[row].position();
     of_anchor[{a.x(), a.y(), a.z()}].push_back(row);
   }
   Eigen::Matrix3Xd in_base(3, of_anchor.size());
@@ -206,7 +204,7 @@ Isometry3d base_from_distances(const std::vector<Isometry3d>& X_BF, const Measur
                          targets[static_cast<std::size_t>(o.target)].X_FT.translation();
       const auto k = static_cast<Index>(i);
       A.row(k) << 2.0 * p.transpose(), -1.0;
-      b[k] = p.squaredNorm() - std::pow(training.coordinates[rows[i]].distance, 2);
+      b[k] = p.squaredNorm() - std::pow(std::get<Distance>(o.reading).length, 2);
     }
     in_base.col(anchor) = shortest_solution(A, b).head<3>();
     in_world.col(anchor++) = Vector3d(position[0], position[1], position[2]);
@@ -229,8 +227,7 @@ Registration registered_by_coordinates(const std::vector<Isometry3d>& X_BF, cons
   Estimate best = start;
   double least = std::numeric_limits<double>::infinity();
   std::vector<Isometry3d> bases;
-  const bool distances = std::all_of(training.coordinates.begin(), training.coordinates.end(),
-                                     [](const MeasuredCoordinates& measured) { return measured.distance > 0.0; });
+  const bool distances = std::all_of(training.observations.begin(), training.observations.end(), is_distance);
   if (options.known_base) {
     bases.push_back(*options.known_base);
   } else if (distances) {
@@ -309,8 +306,8 @@ Start registered_one_by_one(const std::vector<Isometry3d>& X_BF, const Measureme
 
 double misfit_of(const Estimate& estimate, const std::vector<Isometry3d>& X_BF, const Measurements& training) {
   double squares = 0.0;
-  for (std::size_t row = 0; row < training.observations.size(); ++row) {
-    squares += measured_minus_predicted(training, row, estimate, X_BF).squaredNorm();
+  for (const Observation& observation : training.observations) {
+    squares += measured_minus_predicted(observation, estimate, X_BF).squaredNorm();
   }
   return std::sqrt(squares / std::max(static_cast<double>(training.observations.size()), 1.0));
 }
@@ -328,8 +325,8 @@ Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measur
     return only;
   }
   std::vector<std::size_t> count(training.stations.size(), 0);
-  for (std::size_t row = 0; row < training.observations.size(); ++row) {
-    count[station_of(training.observations[row])] += static_cast<std::size_t>(coordinates_of(training, row));
+  for (const Observation& observation : training.observations) {
+    count[station_of(observation)] += static_cast<std::size_t>(dimension(observation.reading));
   }
   std::vector<std::size_t> by_rows(count.size());
   std::iota(by_rows.begin(), by_rows.end(), std::size_t{0});

@@ -77,31 +77,50 @@ const char* version() { return KDL_CALIBRATION_VERSION; }
 std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
 
 std::string hash_of(const Measurements& measurements) {
-  std::string bytes;
-  const auto add = [&](const auto& value) { bytes.append(reinterpret_cast<const char*>(&value), sizeof value); };
-  for (const double value : measurements.joint_values.reshaped()) {
-    add(value);
-  }
-  for (const Observation& row : measurements.observations) {
-    for (const double value : row.position) {
+  Sha256 hash;
+  const auto add = [&](const auto& value) {
+    hash.add({reinterpret_cast<const char*>(&value), sizeof value});  // NOLINT(*-reinterpret-cast): of any number
+  };
+  const auto add_each = [&](const auto& values) {
+    add(values.size());
+    for (const double value : values.reshaped()) {
       add(value);
     }
+  };
+  add_each(measurements.joint_values);
+  add_each(measurements.signals.approach);
+  add_each(measurements.signals.torques);
+  for (const Observation& row : measurements.observations) {
+    add(row.reading.index());
+    add_each(row.position());
+    if (const Orientation* const orientation = row.orientation()) {
+      add_each(orientation->coeffs());
+    }
+    if (const auto* const some = std::get_if<Coordinates>(&row.reading)) {
+      add_each(some->normal);
+      add(some->count);
+    }
+    if (const auto* const distance = std::get_if<Distance>(&row.reading)) {
+      add(distance->length);
+    }
+    add(row.sigma);
+    add(row.order.has_value());
+    add(row.order.value_or(0));
     add(row.configuration);
     add(row.target);
+    add(row.repeat);
     add(row.split);
+    add(row.station);
   }
-  for (const MeasuredCoordinates& measured : measurements.coordinates) {
-    for (const double value : measured.directions.reshaped()) {
-      add(value);
-    }
-    add(measured.distance);
-  }
-  for (const std::vector<std::string>* names : {&measurements.configurations, &measurements.targets}) {
+  for (const std::vector<std::string>* names :
+       {&measurements.joints, &measurements.configurations, &measurements.targets, &measurements.stations}) {
+    add(names->size());
     for (const std::string& name : *names) {
-      bytes += name + '\n';
+      add(name.size());
+      hash.add(name);
     }
   }
-  return sha256(bytes);
+  return hash.hexadecimal();
 }
 
 void require_as_parsed(const Robot& robot) {

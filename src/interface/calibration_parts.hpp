@@ -31,7 +31,7 @@ struct CalibrationParts : SavedCalibration {
 void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const std::vector<MovingJoint>& joints);
 /// Hash of the URDF, base and tip.
 std::string hash_of(const Robot& robot);
-/// Hash of joint values, labels and points.
+/// Hash of the rows, joint values, signals and names: of all that a fit reads.
 std::string hash_of(const Measurements& measurements);
 /// Throws InputError if the joints are not those of the URDF text: errors would go into a text that they do not fit.
 void require_as_parsed(const Robot& robot);

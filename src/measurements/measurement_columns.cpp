@@ -242,14 +242,14 @@ private:
     for (std::size_t form = 0; form < kOrientationForms.size(); ++form) {
       const auto& columns = header_.orientations[form];
       if (std::none_of(columns.begin(), columns.end(), present)) continue;
-      if (has_orientation(header_)) {
+      if (states_orientation(header_)) {
         fail(place_, "columns '" + name_of_first(header_.orientation) + "' and '" + name_of_first(form) +
                          "' state orientations in two forms: expected either " +
                          kOrientationForms[header_.orientation].words() + " or " + kOrientationForms[form].words());
       }
       header_.orientation = form;
     }
-    if (has_orientation(header_) && header_.orientation != kQuaternion) {
+    if (states_orientation(header_) && header_.orientation != kQuaternion) {
       header_.notes.push_back("orientations from " + kOrientationForms[header_.orientation].words());
     }
   }
@@ -276,12 +276,12 @@ private:
         missing.emplace_back(fixed.name);
     }
     add_missing_of_line(missing);
-    if (poses && !has_orientation(header_)) missing.emplace_back("an orientation");
+    if (poses && !states_orientation(header_)) missing.emplace_back("an orientation");
     const bool with_joints = !poses || std::any_of(header_.joints.begin(), header_.joints.end(), present);
     for (std::size_t i = 0; with_joints && i < header_.joints.size(); ++i) {
       if (!present(header_.joints[i])) missing.push_back(joints_.names[i]);
     }
-    for (std::size_t i = 0; has_orientation(header_) && i < kOrientationForms[header_.orientation].count(); ++i) {
+    for (std::size_t i = 0; states_orientation(header_) && i < kOrientationForms[header_.orientation].count(); ++i) {
       if (present(header_.orientations[header_.orientation][i])) continue;
       missing.emplace_back(kOrientationForms[header_.orientation].names[i]);
     }
@@ -368,7 +368,7 @@ bool is_unit_row(const Fields& cells) {
 }
 
 void require_orientation_units(const Header& header, const std::string& source) {
-  if (!has_orientation(header) || kOrientationForms[header.orientation].degrees_by.empty()) return;
+  if (!states_orientation(header) || kOrientationForms[header.orientation].degrees_by.empty()) return;
   const OrientationForm& form = kOrientationForms[header.orientation];
   std::vector<std::string> bare;
   std::vector<std::string> cures;

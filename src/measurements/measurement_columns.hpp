@@ -71,7 +71,7 @@ struct Header {
   std::vector<std::string> notes;  ///< differences from the format of measurements_csv
 };
 
-inline bool has_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }
+inline bool states_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }
 
 /// What each row of a file must state.
 enum class FileContent : std::uint8_t {

@@ -127,36 +127,39 @@ double Row::sigma() const {
   return value;
 }
 
-std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::position() const {
-  if (has(header_.distance)) {
-    return distance_from_anchor();
-  }
+Reading Row::reading() const {
   const bool with_points = present(header_.position[0]);
   const auto is_given = [&](const Column& column) { return has(column); };
+  if (has(header_.distance)) return distance_from_anchor();
   if (has(header_.along) || std::any_of(header_.normal.begin(), header_.normal.end(), is_given) ||
       (present(header_.along) && !with_points)) {
     return coordinate_along();
   }
-  if (!with_points) {
-    fail_cell(header_.distance, "is empty: expected a number");
-  }
-  Eigen::Vector3d z = Eigen::Vector3d::Zero();
-  MeasuredCoordinates measured;
-  for (std::size_t i = 0; i < 3; ++i) {
-    const auto axis = static_cast<Eigen::Index>(i);
-    if (has(header_.position[i])) {
-      z[axis] = number(header_.position[i]);
-    } else {
-      measured.directions(axis, axis) = 0.0;
-    }
-  }
-  if (measured.directions.isZero(0.0)) {
-    fail_cell(header_.position[0], "is empty: expected a number");
-  }
-  return {z, measured};
+  if (!with_points) fail_cell(header_.distance, "is empty: expected a number");
+  return coordinates_by_axis();
 }
 
-std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::coordinate_along() const {
+Reading Row::coordinates_by_axis() const {
+  Eigen::Vector3d z = Eigen::Vector3d::Zero();
+  Eigen::Vector3d is_measured = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!has(header_.position[i])) continue;
+    z[static_cast<Eigen::Index>(i)] = number(header_.position[i]);
+    is_measured[static_cast<Eigen::Index>(i)] = 1.0;
+  }
+  switch (static_cast<int>(is_measured.sum())) {
+    case 0:
+      fail_cell(header_.position[0], "is empty: expected a number");
+    case 1:
+      return Coordinates{.position = z, .normal = is_measured, .count = 1};
+    case 2:
+      return Coordinates{.position = z, .normal = Eigen::Vector3d::Ones() - is_measured, .count = 2};
+    default:
+      return Point{z};
+  }
+}
+
+Reading Row::coordinate_along() const {
   constexpr double kUnit = 1e-3;  // largest difference of the norm from 1
   for (const Column& column : header_.position) {
     if (has(column)) fail_cell(column, "stands beside a coordinate along n_x, n_y, n_z: expected one of the two");
@@ -165,11 +168,15 @@ std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::coordinate_along() const {
   if (!(std::abs(n.norm() - 1.0) <= kUnit)) {
     fail(place_, fmt::format("the norm of n_x, n_y, n_z is {:.4g}: expected a unit vector", n.norm()));
   }
+  Eigen::Index largest = 0;
+  n.cwiseAbs().maxCoeff(&largest);
   const Eigen::Vector3d unit = n.normalized();
-  return {number(header_.along) * unit, {.directions = unit * unit.transpose()}};
+  const Eigen::Vector3d position = number(header_.along) * unit;
+  // One of the two opposite normals, so that equal directions are equal vectors.
+  return Coordinates{.position = position, .normal = n[largest] < 0.0 ? Eigen::Vector3d(-unit) : unit, .count = 1};
 }
 
-std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::distance_from_anchor() const {
+Reading Row::distance_from_anchor() const {
   const double distance = number(header_.distance);
   if (!(distance > 0.0)) fail_cell(header_.distance, "is no distance: expected one above 0");
   for (const Column& column : {header_.along, header_.normal[0], header_.normal[1], header_.normal[2]}) {
@@ -182,14 +189,14 @@ std::pair<Eigen::Vector3d, MeasuredCoordinates> Row::distance_from_anchor() cons
       anchor[static_cast<Eigen::Index>(axis)] = number(header_.position[axis]);
     }
   }
-  return {anchor, {.distance = distance}};
+  return Distance{.length = distance, .anchor = anchor};
 }
 
-Eigen::Quaterniond Row::orientation() const {
+std::optional<Eigen::Quaterniond> Row::orientation() const {
   const OrientationForm& form = kOrientationForms[header_.orientation];
   const auto& columns = header_.orientations[header_.orientation];
   const auto given = std::count_if(columns.begin(), columns.end(), [&](const Column& c) { return has(c); });
-  if (given == 0) return point_alone();
+  if (given == 0) return std::nullopt;
   if (static_cast<std::size_t>(given) != form.count()) {
     fail(place_, "the " + std::string(form.what) + " has an empty cell: expected all of " + form.words() + " or none");
   }

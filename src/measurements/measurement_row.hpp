@@ -5,9 +5,9 @@
 #include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "base/csv.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -35,10 +35,9 @@ public:
   std::int32_t repeat() const;
   std::int64_t order() const;
   double sigma() const;  ///< [m]; 0 if none is stated
-  /// Position of an observation, and what it measures.
-  std::pair<Eigen::Vector3d, MeasuredCoordinates> position() const;
-  /// point_alone() if the row states no orientation.
-  Eigen::Quaterniond orientation() const;
+  /// What the row measures.
+  Reading reading() const;
+  std::optional<Eigen::Quaterniond> orientation() const;
   /// The numbers [SI] that state the orientation `R` in the file's form, of several ways those nearest to the row's.
   Eigen::Vector4d orientation_numbers(const Eigen::Quaterniond& R) const;
 
@@ -49,8 +48,9 @@ private:
   [[noreturn]] void fail_ragged() const;
   std::string with_point(const Column& column, std::string_view text) const;
   void note_decimals(const Column& column, char mark) const;
-  std::pair<Eigen::Vector3d, MeasuredCoordinates> coordinate_along() const;
-  std::pair<Eigen::Vector3d, MeasuredCoordinates> distance_from_anchor() const;
+  Reading coordinates_by_axis() const;
+  Reading coordinate_along() const;
+  Reading distance_from_anchor() const;
   Eigen::Quaterniond quaternion() const;
   double angle(const Column& column) const;
   Eigen::Vector3d angles() const;

@@ -10,6 +10,7 @@
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 
 namespace kdl_calibration {
@@ -32,6 +33,27 @@ void require_size_if_any(const Measurements& measurements, const char* what, std
   }
 }
 
+// What is wrong with a reading whose position is finite; empty if nothing is.
+std::string fault_of(const Reading& reading) {
+  constexpr double kUnitQuaternion = 1e-3;
+  constexpr double kUnitVector = 1e-9;
+  if (const auto* const pose = std::get_if<Pose>(&reading)) {
+    const bool is_unit = std::abs(pose->orientation.norm() - 1.0) <= kUnitQuaternion;
+    return is_unit ? "" : "the orientation is no unit quaternion";
+  }
+  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
+    const bool is_unit = std::abs(some->normal.norm() - 1.0) <= kUnitVector;
+    return is_unit && (some->count == 1 || some->count == 2)
+               ? ""
+               : "its directions are none, expected 1 or 2 coordinates and a unit vector";
+  }
+  if (const auto* const distance = std::get_if<Distance>(&reading)) {
+    const bool is_length = std::isfinite(distance->length) && distance->length > 0.0;
+    return is_length ? "" : fmt::format("a distance of {}, expected one above 0", distance->length);
+  }
+  return "";
+}
+
 void require_sound(const Measurements& measurements, std::size_t row) {
   const Observation& observation = measurements.observations[row];
   const auto refuse_row = [&](const std::string& fault) {
@@ -50,11 +72,17 @@ void require_sound(const Measurements& measurements, std::size_t row) {
   if (observation.station < 0 || observation.station >= stations) {
     refuse_row(fmt::format("station {} is not there, expected 0 to {}", observation.station, stations - 1));
   }
-  if (!observation.position.allFinite()) {
+  if (!observation.position().allFinite()) {
     refuse_row("a coordinate is not finite");
   }
   if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
     refuse_row("sigma is negative or not finite, expected 0 where none is stated");
+  }
+  if (observation.order.has_value() != measurements.observations.front().order.has_value()) {
+    refuse_row("some rows have a place in the order and others have none, expected it in all or in none");
+  }
+  if (const std::string fault = fault_of(observation.reading); !fault.empty()) {
+    refuse_row(fault);
   }
 }
 
@@ -70,31 +98,16 @@ void require_one_station_each(const Measurements& measurements) {
   }
 }
 
-bool is_orientation(const Eigen::Quaterniond& orientation) {
-  constexpr double kTolerance = 1e-3;
-  return is_point(orientation) || std::abs(orientation.norm() - 1.0) <= kTolerance;
-}
-
-bool is_projector(const MeasuredCoordinates& measured) {
-  constexpr double kRounding = 1e-9;
-  const Eigen::Matrix3d& P = measured.directions;
-  return (P - P.transpose()).isZero(kRounding) && (P * P - P).isZero(kRounding) && P.trace() > 0.5;
-}
-
 // The distances of a configuration are from one anchor, and no other rows are with them.
 void require_one_anchor_each(const Measurements& measurements) {
-  std::vector<const Observation*> first(measurements.configurations.size(), nullptr);
-  for (std::size_t row = 0; row < measurements.coordinates.size(); ++row) {
+  std::vector<std::size_t> first(measurements.configurations.size(), measurements.observations.size());
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& observation = measurements.observations[row];
-    const Observation*& other = first[static_cast<std::size_t>(observation.configuration)];
-    other = other == nullptr ? &observation : other;
-    const double distance = measurements.coordinates[row].distance;
-    const auto first_row = static_cast<std::size_t>(other - measurements.observations.data());
-    const double before = measurements.coordinates[first_row].distance;
-    if (!std::isfinite(distance) || distance < 0.0) {
-      refuse(measurements, fmt::format("observation {}: a distance of {}, expected one above 0", row, distance));
-    }
-    if ((distance > 0.0) != (before > 0.0) || (distance > 0.0 && observation.position != other->position)) {
+    std::size_t& first_row = first[static_cast<std::size_t>(observation.configuration)];
+    first_row = std::min(first_row, row);
+    const Observation& other = measurements.observations[first_row];
+    if (is_distance(observation) != is_distance(other) ||
+        (is_distance(observation) && observation.position() != other.position())) {
       refuse(measurements,
              fmt::format("observation {}: its configuration has rows of several anchors, expected one", row));
     }
@@ -109,9 +122,6 @@ void check(const Measurements& measurements) {
                static_cast<std::size_t>(measurements.joint_values.cols()));
   require_size_if_any(measurements, "names of joints", measurements.joints.size(),
                       static_cast<std::size_t>(measurements.joint_values.rows()));
-  require_size_if_any(measurements, "orientations", measurements.orientations.size(), rows);
-  require_size_if_any(measurements, "measured coordinates", measurements.coordinates.size(), rows);
-  require_size_if_any(measurements, "places in the order", measurements.order.size(), rows);
   require_size_if_any(measurements, "units of joints", measurements.joint_units.size(),
                       static_cast<std::size_t>(measurements.joint_values.rows()));
   if (const std::string fault = fault_of(measurements.signals, measurements.joint_values); !fault.empty()) {
@@ -136,18 +146,6 @@ void check(const Measurements& measurements) {
     require_one_station_each(measurements);
   }
   require_one_anchor_each(measurements);
-  const auto no_projector =
-      std::find_if_not(measurements.coordinates.begin(), measurements.coordinates.end(), is_projector);
-  if (no_projector != measurements.coordinates.end()) {
-    refuse(measurements, fmt::format("observation {}: its directions are no projector onto 1, 2 or 3 directions",
-                                     no_projector - measurements.coordinates.begin()));
-  }
-  const auto wrong =
-      std::find_if_not(measurements.orientations.begin(), measurements.orientations.end(), is_orientation);
-  if (wrong != measurements.orientations.end()) {
-    refuse(measurements, fmt::format("observation {}: the orientation is no unit quaternion",
-                                     wrong - measurements.orientations.begin()));
-  }
 }
 
 }  // namespace kdl_calibration

@@ -11,10 +11,10 @@
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurements_check.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "robot/mimic.hpp"
 
@@ -57,20 +57,14 @@ struct UsedColumns {
   std::vector<Eigen::Index> torques;  ///< joints with a known torque
 };
 
-/// Whether the coordinates of a row are along axes of W.
-bool is_by_axis(const Measurements& measurements, std::size_t row) {
-  return coordinates_at(measurements, row).directions.isDiagonal(0.0);
+/// Whether the measured coordinates are along axes of W.
+bool is_by_axis(const Reading& reading) {
+  const auto* const some = std::get_if<Coordinates>(&reading);
+  return some == nullptr || (some->normal.array() != 0.0).count() == 1;
 }
 
 UsedColumns used_columns(const Measurements& measurements) {
   UsedColumns used;
-  for (std::size_t row = 0; row < measurements.coordinates.size(); ++row) {
-    used.along = used.along || !is_by_axis(measurements, row);
-    used.distance = used.distance || measurements.coordinates[row].distance > 0.0;
-  }
-  used.quaternion = !measurements.orientations.empty();
-  used.order = !measurements.order.empty();
-  used.station = !measurements.stations.empty();
   for (Eigen::Index j = 0; j < measurements.signals.torques.rows(); ++j) {
     if (has_torques(measurements.signals, j)) used.torques.push_back(j);
   }
@@ -78,7 +72,12 @@ UsedColumns used_columns(const Measurements& measurements) {
     used.split = used.split || o.split == Split::test;
     used.repeat = used.repeat || o.repeat != 1;
     used.sigma = used.sigma || o.sigma > 0.0;
+    used.order = used.order || o.order.has_value();
+    used.quaternion = used.quaternion || has_orientation(o);
+    used.along = used.along || !is_by_axis(o.reading);
+    used.distance = used.distance || is_distance(o);
   }
+  used.station = !measurements.stations.empty();
   return used;
 }
 
@@ -134,26 +133,27 @@ private:
   std::string& text_;
 };
 
-void add_position(const Measurements& measurements, std::size_t row, const UsedColumns& used, Cells& cells) {
-  const Eigen::Vector3d& z = measurements.observations[row].position;
-  const auto [P, distance] = coordinates_at(measurements, row);
-  const bool by_axis = is_by_axis(measurements, row);
+void add_reading(const Measurements& measurements, std::size_t row, const UsedColumns& used, Cells& cells) {
+  const Reading& reading = measurements.observations[row].reading;
+  const Eigen::Vector3d& z = measurements.observations[row].position();
+  const auto* const some = std::get_if<Coordinates>(&reading);
+  const bool by_axis = is_by_axis(reading);
+  const Eigen::Matrix3d P = some == nullptr ? Eigen::Matrix3d::Identity() : directions(*some);
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
     cells.add(z[axis], by_axis && P(axis, axis) > 0.5);
   }
-  if (!by_axis && coordinates_of(measurements, row) > 1) {
+  if (!by_axis && some->count > 1) {
     fail(measurements.source, "observation " + std::to_string(row) +
                                   " has two coordinates that are not along x, y and z, expected one along a direction");
   }
   if (used.along) {
-    Eigen::Index largest = 0;
-    P.diagonal().maxCoeff(&largest);
-    const Eigen::Vector3d n = P.col(largest).normalized();
+    const Eigen::Vector3d n = by_axis ? Eigen::Vector3d(Eigen::Vector3d::Zero()) : some->normal;
     cells.add_each(n, !by_axis);
     cells.add(n.dot(z), !by_axis);
   }
   if (used.distance) {
-    cells.add(distance, distance > 0.0);
+    const auto* const distance = std::get_if<Distance>(&reading);
+    cells.add(distance == nullptr ? 0.0 : distance->length, distance != nullptr);
   }
 }
 
@@ -175,13 +175,13 @@ std::string measurements_csv(const Measurements& measurements) {
     if (used.station) text += "," + stations[station_of(o)];
     text += "," + targets[static_cast<std::size_t>(o.target)];
     cells.add_each(measurements.joint_values.col(o.configuration));
-    add_position(measurements, i, used, cells);
+    add_reading(measurements, i, used, cells);
     if (used.quaternion) {
-      const Eigen::Quaterniond& q = measurements.orientations[i];
-      cells.add_each(std::array{q.w(), q.x(), q.y(), q.z()}, !is_point(q));
+      const Orientation q = has_orientation(o) ? *o.orientation() : Orientation(1.0, 0.0, 0.0, 0.0);
+      cells.add_each(std::array{q.w(), q.x(), q.y(), q.z()}, has_orientation(o));
     }
     if (used.sigma) cells.add(o.sigma, o.sigma > 0.0);
-    if (used.order) cells.add(measurements.order[i]);
+    if (used.order) cells.add(*o.order);
     for (const Eigen::Index j : used.torques) {
       const double torque = measurements.signals.torques(j, o.configuration);
       cells.add(torque, !std::isnan(torque));

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <tuple>
 #include <unordered_set>
@@ -22,6 +23,7 @@
 #include "measurements/measurement_rows.hpp"
 #include "measurements/measurements_check.hpp"
 #include "measurements/missing_units.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stated_joints.hpp"
 #include "measurements/torque_means.hpp"
 #include "measurements/training_rows.hpp"
@@ -54,14 +56,14 @@ public:
     observation.target = present(header_.target) ? label(targets_, row, header_.target) : only_target();
     if (targets_.size() > kMostTargets) row.fail_row("one target more than the limit of 100");
     if (present(header_.station)) take_station(row, observation);
-    take_position(row, observation);
+    observation.reading = reading(row, observation.station);
     observation.configuration = configuration(row, observation);
     observation.repeat = row.repeat();
     observation.sigma = row.sigma();
+    if (states_orientation(header_)) take_orientation(row, observation);
+    if (present(header_.order)) observation.order = row.order();
     observations_.push_back(observation);
     lines_.push_back(line);
-    if (has_orientation(header_)) orientations_.push_back(row.orientation());
-    if (present(header_.order)) order_.push_back(row.order());
     torques_.add(header_, row, observation.configuration);
   }
 
@@ -78,10 +80,12 @@ public:
     const Eigen::Map<Eigen::MatrixXd> read(joint_values_.data(), static_cast<Eigen::Index>(joint_columns_.size()),
                                            static_cast<Eigen::Index>(first_rows_.size()));
     Eigen::AlignedBox3d points;
-    for (const Observation& o : observations_) points.extend(o.position);
     double largest_distance = 0.0;
-    for (const MeasuredCoordinates& measured : coordinates_) {
-      largest_distance = std::max(largest_distance, measured.distance);
+    for (const Observation& o : observations_) {
+      points.extend(o.position());
+      if (const auto* const distance = std::get_if<Distance>(&o.reading)) {
+        largest_distance = std::max(largest_distance, distance->length);
+      }
     }
     check_missing_units(joints, {.header = header_,
                                  .source = source_,
@@ -96,12 +100,8 @@ public:
     result.configurations = configurations_.take_labels();
     result.targets = targets_.take_labels();
     result.stations = stations_.take_labels();
-    if (!coordinates_.empty() && result.stations.empty()) result.stations = {"W"};
-    result.coordinates = std::move(coordinates_);
     result.observations = std::move(observations_);
-    drop_unused_orientations(orientations_);
-    result.orientations = std::move(orientations_);
-    result.order = std::move(order_);
+    if (has_single_coordinates(result) && result.stations.empty()) result.stations = {"W"};
     if (joints.followers.empty()) {
       std::exchange(lines_, {});  // frees memory before the joint values are copied
       std::exchange(first_rows_, {});
@@ -182,27 +182,35 @@ private:
                                       lines_[first_row], rule, shown(row.text(header_.configuration))));
   }
 
-  void take_position(const Row& row, Observation& observation) {
+  /// The reading of a file of measurements, or the position in one of configurations, whose coordinates may be empty.
+  Reading reading(const Row& row, std::int16_t station) {
     if (!with_points_) {
+      Eigen::Vector3d position = Eigen::Vector3d::Zero();
       for (std::size_t i = 0; i < 3; ++i) {
         const Column& column = header_.position[i];
-        observation.position[static_cast<Eigen::Index>(i)] = row.has(column) ? row.number(column) : 0.0;
+        if (row.has(column)) position[static_cast<Eigen::Index>(i)] = row.number(column);
       }
-      return;
+      return Point{position};
     }
-    const auto [position, coordinates] = row.position();
-    observation.position = position;
-    if (coordinates.distance > 0.0) {
+    Reading result = row.reading();
+    if (std::holds_alternative<Distance>(result)) {
       const bool has_place = row.has(header_.position[0]);
-      if (anchors_have_places_.try_emplace(observation.station, has_place).first->second != has_place) {
+      if (anchors_have_places_.try_emplace(station, has_place).first->second != has_place) {
         row.fail_row(
             "x, y, z of the anchor are given in some rows of the station and empty in others: expected them "
             "in all or in none");
       }
     }
-    if (coordinates_.empty() && coordinates == MeasuredCoordinates()) return;
-    coordinates_.resize(observations_.size());
-    coordinates_.push_back(coordinates);
+    return result;
+  }
+
+  static void take_orientation(const Row& row, Observation& observation) {
+    const std::optional<Eigen::Quaterniond> orientation = row.orientation();
+    if (!orientation) return;
+    if (!is_whole(observation)) {
+      row.fail_row("an orientation beside single coordinates or a distance: expected one of the two");
+    }
+    observation.reading = Pose{observation.position(), *orientation};
   }
 
   void take_station(const Row& row, Observation& observation) {
@@ -216,17 +224,15 @@ private:
   std::int32_t labelled_configuration(const Row& row, const Observation& observation) {
     const std::int32_t number = label(configurations_, row, header_.configuration);
     const auto index = static_cast<std::size_t>(number);
-    if (index == first_rows_.size() || coordinates_.empty()) return number;
+    if (index == first_rows_.size()) return number;
     const Observation& first = observations_[first_rows_[index]];
-    const bool is_distance = coordinates_.back().distance > 0.0;
-    const bool first_is_distance = coordinates_[first_rows_[index]].distance > 0.0;
-    const bool same_place = is_distance == first_is_distance && observation.station == first.station &&
-                            observation.position == first.position;
-    if (same_place || !(is_distance || first_is_distance)) return number;
+    const bool same_place = is_distance(observation) == is_distance(first) && observation.station == first.station &&
+                            observation.position() == first.position();
+    if (same_place || !(is_distance(observation) || is_distance(first))) return number;
     std::string text(name_in(row.text(header_.configuration)));
     const auto station = static_cast<std::size_t>(observation.station);
     text += " from " + (stations_.size() > 0 ? stations_.labels()[station] : "W");
-    if (const Eigen::Vector3d& anchor = observation.position; is_distance && !anchor.isZero(0.0)) {
+    if (const Eigen::Vector3d& anchor = observation.position(); is_distance(observation) && !anchor.isZero(0.0)) {
       text += fmt::format(" {:.6g} {:.6g} {:.6g}", anchor.x(), anchor.y(), anchor.z());
     }
     const std::int32_t own = configurations_.find(text);
@@ -247,16 +253,16 @@ private:
 
   /// A row with the place of an anchor and no distance would be a point at the anchor.
   void check_anchors() const {
-    const auto place = [&](std::size_t row) {
-      const Observation& o = observations_[row];
-      return std::array{static_cast<double>(o.station), o.position.x(), o.position.y(), o.position.z()};
+    const auto place = [](const Observation& o) {
+      return std::array{static_cast<double>(o.station), o.position().x(), o.position().y(), o.position().z()};
     };
     std::set<std::array<double, 4>> anchors;
-    for (std::size_t row = 0; row < coordinates_.size(); ++row) {
-      if (coordinates_[row].distance > 0.0) anchors.insert(place(row));
+    for (const Observation& o : observations_) {
+      if (is_distance(o)) anchors.insert(place(o));
     }
-    for (std::size_t row = 0; row < coordinates_.size(); ++row) {
-      if (coordinates_[row] == MeasuredCoordinates() && anchors.count(place(row)) > 0) {
+    if (anchors.empty()) return;
+    for (std::size_t row = 0; row < observations_.size(); ++row) {
+      if (is_whole(observations_[row]) && anchors.count(place(observations_[row])) > 0) {
         fail(fmt::format("{}:{}", source_, lines_[row]),
              "the distance is empty and x, y, z are those of an anchor, expected a distance or a measured point");
       }
@@ -275,9 +281,10 @@ private:
     std::iota(rows.begin(), rows.end(), std::size_t{0});
     // Single coordinates of one point along other directions are no duplicates.
     const auto direction = [this](std::size_t i) {
-      std::array<double, 9> P{};
-      if (!coordinates_.empty()) std::copy_n(coordinates_[i].directions.data(), P.size(), P.begin());
-      return P;
+      const auto* const some = std::get_if<Coordinates>(&observations_[i].reading);
+      return some == nullptr
+                 ? std::array{3.0, 0.0, 0.0, 0.0}
+                 : std::array{static_cast<double>(some->count), some->normal.x(), some->normal.y(), some->normal.z()};
     };
     std::sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) {
       return std::tuple(key(a), direction(a), a) < std::tuple(key(b), direction(b), b);
@@ -322,10 +329,7 @@ private:
       scatter_;  ///< sums of differences from the first row, for configurations whose rows differ
   double largest_scatter_ = 0.0;
   std::vector<Observation> observations_;
-  std::vector<Eigen::Quaterniond> orientations_;
-  std::vector<MeasuredCoordinates> coordinates_;      ///< empty as long as all rows are whole points
   std::map<std::int16_t, bool> anchors_have_places_;  ///< of stations with distances, whether x, y, z are given
-  std::vector<std::int64_t> order_;
   TorqueMeans torques_;
   std::vector<std::size_t> lines_;  ///< line of each observation
 };

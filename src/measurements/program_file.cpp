@@ -80,9 +80,9 @@ ProgramPoints ProgramFile::points(std::span<const ProgramLine> lines) const {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       pose.translation()[static_cast<Index>(axis)] = row.number(header.position[axis]);
     }
-    const Eigen::Quaterniond orientation = row.orientation();
-    if (is_point(orientation)) row.fail_row("the orientation is empty: expected one in each row");
-    pose.linear() = orientation.toRotationMatrix();
+    const std::optional<Eigen::Quaterniond> orientation = row.orientation();
+    if (!orientation) row.fail_row("the orientation is empty: expected one in each row");
+    pose.linear() = orientation->toRotationMatrix();
     box.extend(pose.translation());
   });
   check_missing_units(rows_.joints(),

@@ -12,6 +12,7 @@
 #include "base/text.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurements_check.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 
@@ -215,8 +216,7 @@ std::vector<Index> first_of_neighbours(const MatrixXd& joint_values) {
 Measurements with_poses_joined(Measurements measurements) {
   check(measurements);
   // At one pose there may be distances from several anchors.
-  if (std::any_of(measurements.coordinates.begin(), measurements.coordinates.end(),
-                  [](const MeasuredCoordinates& measured) { return measured.distance > 0.0; })) {
+  if (std::any_of(measurements.observations.begin(), measurements.observations.end(), is_distance)) {
     return measurements;
   }
   const std::vector<std::vector<Index>> poses = members_of_poses(measurements);

@@ -7,7 +7,7 @@
 #include "base/decompositions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 
@@ -16,9 +16,6 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
   Measurements& own = result.measurements;
   own.stations.clear();
   own.observations.clear();
-  own.orientations.clear();
-  own.coordinates.clear();
-  own.order.clear();
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     if (station_of(measurements.observations[row]) != station) {
       continue;
@@ -26,15 +23,6 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
     result.rows.push_back(row);
     own.observations.push_back(measurements.observations[row]);
     own.observations.back().station = 0;
-    if (!measurements.orientations.empty()) {
-      own.orientations.push_back(measurements.orientations[row]);
-    }
-    if (has_single_coordinates(measurements)) {
-      own.coordinates.push_back(measurements.coordinates[row]);
-    }
-    if (!measurements.order.empty()) {
-      own.order.push_back(measurements.order[row]);
-    }
   }
   return result;
 }
@@ -51,9 +39,9 @@ namespace {
 
 std::vector<Eigen::Vector3d> positions_of_whole_points(const Measurements& station) {
   std::vector<Eigen::Vector3d> result;
-  for (std::size_t row = 0; row < station.observations.size(); ++row) {
-    if (coordinates_of(station, row) == 3) {
-      result.push_back(station.observations[row].position);
+  for (const Observation& observation : station.observations) {
+    if (is_whole(observation)) {
+      result.push_back(observation.position());
     }
   }
   return result;
@@ -64,14 +52,14 @@ constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points
 // Whether the measured coordinates of each row may be those of a point on the axis, or at the centre if there are
 // three.
 bool may_lie_there(const LooseRotations& loose, const Measurements& station) {
-  for (std::size_t row = 0; row < station.observations.size(); ++row) {
-    const MeasuredCoordinates measured = coordinates_at(station, row);
-    Eigen::Vector3d off = measured.directions * (station.observations[row].position - loose.centre);
+  for (const Observation& observation : station.observations) {
+    const Eigen::Matrix3d P = directions(observation.reading, loose.centre);
+    Eigen::Vector3d off = P * (observation.position() - loose.centre);
     if (loose.axes.cols() == 1) {
-      const Eigen::Vector3d along = measured.directions * loose.axes.col(0);
+      const Eigen::Vector3d along = P * loose.axes.col(0);
       off -= along * (along.dot(off) / std::max(along.squaredNorm(), 1e-12));
     }
-    if (measured.distance > 0.0 || off.norm() > kShortest) {
+    if (is_distance(observation) || off.norm() > kShortest) {
       return false;
     }
   }
@@ -81,10 +69,8 @@ bool may_lie_there(const LooseRotations& loose, const Measurements& station) {
 }  // namespace
 
 LooseRotations loose_rotations(const Measurements& station) {
-  const bool oriented = std::any_of(station.orientations.begin(), station.orientations.end(),
-                                    [](const Eigen::Quaterniond& turn) { return !is_point(turn); });
   const std::vector<Eigen::Vector3d> points = positions_of_whole_points(station);
-  if (points.empty() || oriented) {
+  if (points.empty() || has_orientations(station)) {
     return {};
   }
   LooseRotations result;

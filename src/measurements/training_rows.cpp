@@ -32,10 +32,6 @@ void keep_those_of_training(const std::vector<Observation>& rows, std::vector<T>
 
 }  // namespace
 
-void drop_unused_orientations(std::vector<Eigen::Quaterniond>& orientations) {
-  if (std::all_of(orientations.begin(), orientations.end(), is_point)) orientations.clear();
-}
-
 TrainingRows::TrainingRows(const Measurements& measurements) : all_(measurements) {
   const std::vector<Observation>& rows = all_.observations;
   if (std::all_of(rows.begin(), rows.end(), is_training)) {
@@ -43,9 +39,6 @@ TrainingRows::TrainingRows(const Measurements& measurements) : all_(measurements
   }
   check(all_);
   apart_ = all_;
-  keep_those_of_training(rows, apart_->orientations);
-  keep_those_of_training(rows, apart_->coordinates);
-  keep_those_of_training(rows, apart_->order);
   keep_those_of_training(rows, apart_->observations);
 }
 
@@ -103,17 +96,19 @@ Measurements training_sample(const Measurements& measurements, std::size_t most_
 }
 
 Eigen::MatrixXd approach_directions(const Measurements& measurements) {
-  const std::vector<std::int64_t>& order = measurements.order;
-  if (order.empty()) {
+  const std::vector<Observation>& observations = measurements.observations;
+  if (std::none_of(observations.begin(), observations.end(),
+                   [](const Observation& o) { return o.order.has_value(); })) {
     return {};
   }
   check(measurements);
-  std::vector<std::size_t> rows(order.size());
+  std::vector<std::size_t> rows(observations.size());
   std::iota(rows.begin(), rows.end(), std::size_t{0});
-  std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) { return order[a] < order[b]; });
+  std::stable_sort(rows.begin(), rows.end(),
+                   [&](std::size_t a, std::size_t b) { return observations[a].order < observations[b].order; });
   std::vector<Eigen::Index> visits;
   for (const std::size_t row : rows) {
-    const Eigen::Index configuration = measurements.observations[row].configuration;
+    const Eigen::Index configuration = observations[row].configuration;
     if (visits.empty() || visits.back() != configuration) {
       visits.push_back(configuration);
     }

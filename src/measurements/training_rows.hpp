@@ -12,9 +12,6 @@
 
 namespace kdl_calibration {
 
-/// Clears the list if no entry is a measured orientation.
-void drop_unused_orientations(std::vector<Eigen::Quaterniond>& orientations);
-
 /// The training rows of measurements, with unchanged indices of configurations and targets: the measurements themselves
 /// if they have no other rows, else a copy. Keeps a reference to the measurements.
 class TrainingRows {

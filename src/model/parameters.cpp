@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 
 namespace kdl_calibration {

@@ -6,8 +6,8 @@
 #include <map>
 #include <utility>
 
-#include "measurements/directions.hpp"
 #include "measurements/measurements_check.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 
@@ -19,20 +19,21 @@ namespace {
 
 // Scatter of the measured orientations about their mean.
 void add_orientation_scatter(const Measurements& measurements, RepeatNoise& noise) {
-  const auto has_orientation = [](const Eigen::Quaterniond& q) { return !std::isnan(q.w()); };
+  if (!has_orientations(measurements)) {
+    return;
+  }
+  std::map<std::pair<std::int32_t, std::int32_t>, std::pair<Orientation, int>> cells;
   const Measurements means = averaged(measurements);
-  std::map<std::pair<std::int32_t, std::int32_t>, std::pair<Eigen::Quaterniond, int>> cells;
-  for (std::size_t row = 0; row < means.orientations.size(); ++row) {
-    const Observation& o = means.observations[row];
-    cells[{o.configuration, o.target}] = {means.orientations[row], 0};
+  for (const Observation& o : means.observations) {
+    if (has_orientation(o)) {
+      cells[{o.configuration, o.target}] = {*o.orientation(), 0};
+    }
   }
   double squares = 0.0;
-  for (std::size_t row = 0; row < measurements.orientations.size(); ++row) {
-    const Observation& o = measurements.observations[row];
-    const Eigen::Quaterniond& measured = measurements.orientations[row];
-    if (has_orientation(measured)) {
+  for (const Observation& o : measurements.observations) {
+    if (has_orientation(o)) {
       auto& [mean, count] = cells[{o.configuration, o.target}];
-      squares += rotation_log((mean.conjugate() * measured).toRotationMatrix()).squaredNorm();
+      squares += rotation_log((mean.conjugate() * *o.orientation()).toRotationMatrix()).squaredNorm();
       noise.orientation_degrees_of_freedom += ++count > 1 ? 1.0 : 0.0;
     }
   }
@@ -87,7 +88,7 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
   }
   std::map<std::int32_t, std::map<std::int32_t, RepeatDeviations>> cells;  // indexed by configuration and target
   for (const Observation& o : rows) {
-    cells[o.configuration][o.target][o.repeat] = o.position;
+    cells[o.configuration][o.target][o.repeat] = o.position();
   }
   RepeatNoise noise;
   Vector3d squares = Vector3d::Zero();

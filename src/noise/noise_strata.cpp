@@ -6,6 +6,7 @@
 #include "base/dense.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 
 namespace kdl_calibration {
@@ -87,10 +88,9 @@ NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions
       MeasuredCell& cell = cells[{o.configuration, o.target}];
       cell.target = o.target;
       cell.weight += weight(row);
-      cell.mean += weight(row) * o.position;
+      cell.mean += weight(row) * o.position();
       cell.rows.push_back(row);
-      const bool point = measurements.orientations.empty() || is_point(measurements.orientations[row]);
-      cell.orientations += point ? 0.0 : weight(row);
+      cell.orientations += has_orientation(o) ? weight(row) : 0.0;
     }
   }
   for (auto& [key, cell] : cells) {
@@ -124,7 +124,7 @@ void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, c
     }
     add_means(means);
   }
-  if (!measurements_.orientations.empty()) {
+  if (has_orientations(measurements_)) {
     add_orientations(unit_system(model, measurements_, estimate, free, options_));
   }
 }
@@ -179,7 +179,7 @@ void NoiseStrata::add_repeats(const std::vector<MeasuredCell>& cells) {
     freedom += static_cast<double>(cell.rows.size()) - 1.0;
     for (const std::size_t row : cell.rows) {
       const Observation& o = measurements_.observations[row];
-      const Vector3d deviation = std::sqrt(weight(row)) * (o.position - cell.mean);
+      const Vector3d deviation = std::sqrt(weight(row)) * (o.position() - cell.mean);
       squares += deviation.cwiseAbs2();
       auto& [sum, count] = of_repeat.try_emplace(o.repeat, Vector3d::Zero(), 0.0).first->second;
       sum += deviation;
@@ -259,7 +259,7 @@ void NoiseStrata::add_means(const Means& means) {
 MatrixXd NoiseStrata::unknown_parts(PartsAsked asked) const {
   constexpr double kFreedomPerAxis = 20.0;
   const NoiseModel& noise = options_.noise;
-  const bool orientations = !measurements_.orientations.empty() && asked != PartsAsked::of_repeats;
+  const bool orientations = has_orientations(measurements_) && asked != PartsAsked::of_repeats;
   const bool misfits = asked == PartsAsked::all;
   const bool repeats = repeat_freedom_ > 0.0;
   const bool by_axis = repeat_freedom_ >= kFreedomPerAxis;

@@ -7,6 +7,7 @@
 
 #include "base/decompositions.hpp"
 #include "estimation/residual_options.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -53,7 +54,7 @@ double orientation_length_of_residuals(const FitProblem& problem) {
   JointOptions joint = problem.options.joint;
   double& length = joint.residuals.orientation_length;
   Estimate estimate = problem.start;
-  for (int round = 0; round < kLengthRounds && !problem.measurements.orientations.empty(); ++round) {
+  for (int round = 0; round < kLengthRounds && has_orientations(problem.measurements); ++round) {
     const Identification found = identify_jointly(problem.model, problem.measurements, estimate, problem.free, joint);
     if (found.rms < kExactFit || found.termination == Termination::diverged) {
       return present;

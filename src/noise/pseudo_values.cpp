@@ -50,7 +50,7 @@ PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurem
   for (std::size_t row = 0; row < of_training.size(); ++row) {
     Observation& o = result.measurements.observations[row];
     const Eigen::Vector3d predicted = predicted_point(estimate, X_BF, o);
-    o.position = predicted + of_training[row] / B * (o.position - predicted);
+    o.position() = predicted + of_training[row] / B * (o.position() - predicted);
   }
   return result;
 }

@@ -11,6 +11,7 @@
 #include "estimation/registration.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 #include "model/reduction.hpp"
@@ -97,8 +98,7 @@ MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values)
 MatrixXd information(const Experiment& experiment, const Measurements& measurements) {
   check(measurements, experiment.model);
   require_one_station(measurements, "a plan");
-  Measurements matched = measurements;
-  matched.orientations.clear();
+  Measurements matched = without_orientations(measurements);
   std::vector<std::int32_t> target_of;
   for (const std::string& name : measurements.targets) {
     const TargetFrame* const found = find_target(experiment.targets, name);

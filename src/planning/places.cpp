@@ -5,6 +5,7 @@
 
 #include "base/decompositions.hpp"
 #include "estimation/least_squares.hpp"
+#include "measurements/readings.hpp"
 #include "planning/plate.hpp"
 #include "selection/parameter_selection.hpp"
 
@@ -46,13 +47,10 @@ Measurements along_directions(Measurements points, const std::string& directions
     is_measured[axis - 'x'] = directions.find(axis) == std::string::npos ? 0.0 : 1.0;
   }
   for (Observation& observation : points.observations) {
-    if (directions == "r") {
-      points.coordinates.push_back({.distance = observation.position.norm()});
-      observation.position.setZero();
-    } else {
-      points.coordinates.push_back({.directions = is_measured.asDiagonal()});
-      observation.position = observation.position.cwiseProduct(is_measured).eval();
-    }
+    observation.reading =
+        directions == "r"
+            ? Reading(Distance{.length = observation.position().norm(), .anchor = Eigen::Vector3d::Zero()})
+            : reading_along(is_measured.asDiagonal(), observation.position().cwiseProduct(is_measured));
   }
   if (points.stations.empty()) {
     points.stations = {"W"};

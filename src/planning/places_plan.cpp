@@ -240,7 +240,7 @@ MeasuringPlan sheet(const Measurements& chosen, const std::vector<Index>& order,
   }
   for (const Observation& o : chosen.observations) {
     if (result.points.cols() > 0) {
-      result.points.col(std::find(order.begin(), order.end(), o.configuration) - order.begin()) = o.position;
+      result.points.col(std::find(order.begin(), order.end(), o.configuration) - order.begin()) = o.position();
     }
   }
   return result;

@@ -167,7 +167,7 @@ Measurements touch(const Plate& plate, const JointRanges& ranges, Index configur
     for (Index c = first; c < first + count; ++c) {
       result.configurations.push_back(std::to_string(c + 1));
       result.observations.push_back(
-          {.position = plate.sockets[static_cast<std::size_t>(c - first) % plate.sockets.size()],
+          {.reading = Point{plate.sockets[static_cast<std::size_t>(c - first) % plate.sockets.size()]},
            .sigma = plate.sigma,
            .configuration = static_cast<std::int32_t>(c),
            .station = static_cast<std::int16_t>(station)});

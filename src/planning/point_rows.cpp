@@ -148,7 +148,7 @@ MatrixXd PointRows::whitened(const Eigen::Ref<const VectorXd>& q) const {
       covariance.block<3, 3>(i, j) = model.common.cwiseAbs2().asDiagonal();
     }
     const TargetFrame& target = targets_[static_cast<std::size_t>(i / 3)];
-    const Observation seen{.position = X_BF * target.X_FT.translation() - noise_.tracker_position};
+    const Observation seen{.reading = Point{X_BF * target.X_FT.translation() - noise_.tracker_position}};
     covariance.block<3, 3>(i, i) += X_BF.linear().transpose() * point_covariance(model, seen) * X_BF.linear();
   }
   return covariance.llt().matrixL().solve(rows(points_, q));

@@ -229,17 +229,19 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
         const TargetFrame& target = robot.truth.targets[k];
         const Eigen::Isometry3d X_WT = X_WF * target.X_FT;
         const Eigen::Vector3d own = point_noise(noise, X_WT.translation(), normal_vector(random));
-        result.observations.push_back({.position = X_WT.translation() + drift + own,
+        const Eigen::Vector3d position = X_WT.translation() + drift + own;
+        Reading reading = Point{position};
+        if (poses) {
+          const Eigen::Vector3d turn = noise.orientation_sigma * normal_vector(random);
+          reading = Pose{position, Eigen::Quaterniond(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)))};
+        }
+        result.observations.push_back({.reading = reading,
                                        .sigma = noise.tracker ? 0.0 : noise.sigma,
                                        .configuration = static_cast<std::int32_t>(c),
                                        .target = static_cast<std::int32_t>(k),
                                        .repeat = repeat,
                                        .split = split,
                                        .station = static_cast<std::int16_t>(station)});
-        if (poses) {
-          const Eigen::Vector3d turn = noise.orientation_sigma * normal_vector(random);
-          result.orientations.emplace_back(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)));
-        }
       }
     }
   }

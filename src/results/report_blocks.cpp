@@ -16,8 +16,8 @@
 #include "effects/joint_effects.hpp"
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "model/error_chains.hpp"
 #include "robot/link_shapes.hpp"
@@ -107,13 +107,13 @@ std::vector<Vector3d> shown_points(const ErrorModel& model, const Estimate& esti
                                    const Measurements& measurements) {
   std::vector<Vector3d> result;
   for (const Observation& observation : measurements.observations) {
-    result.push_back(observation.position);
+    result.push_back(observation.position());
   }
   if (has_single_coordinates(measurements)) {
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
     for (std::size_t row = 0; row < result.size(); ++row) {
       result[row] = predicted_point(estimate, X_BF, measurements.observations[row]) +
-                    measured_minus_predicted(measurements, row, estimate, X_BF);
+                    measured_minus_predicted(measurements.observations[row], estimate, X_BF);
     }
   }
   return result;
@@ -290,8 +290,8 @@ Json measurements_block(const ReportedMeasurements& reported) {
     if (measurements.stations.size() > 1) {
       points.back()["station"] = measurements.stations[station_of(observation)];
     }
-    if (!measurements.order.empty()) {
-      points.back()["order"] = measurements.order[row];
+    if (observation.order) {
+      points.back()["order"] = *observation.order;
     }
     if (!before.empty()) {
       points.back()["before"] = array(to_first.linear() * before[row]);

@@ -219,12 +219,12 @@ char quote_of(std::string_view text, const StartTag& tag) {
   return tag.attributes.empty() ? '"' : text[tag.attributes.front().end];
 }
 
-struct Pose {
+struct Origin {
   Triple xyz{};
   Triple rpy{};
 };
 
-void edit_origin(std::string_view text, const StartTag& tag, const Pose& old, const Pose& now,
+void edit_origin(std::string_view text, const StartTag& tag, const Origin& old, const Origin& now,
                  std::vector<Edit>& edits) {
   const char quote = quote_of(text, tag);
   const AttributePlace* xyz = find_attribute(tag, "xyz");
@@ -244,7 +244,7 @@ void edit_origin(std::string_view text, const StartTag& tag, const Pose& old, co
 }
 
 /// Adds an <origin> as the joint's first child, on its own line if the present first child has one.
-void add_origin(std::string_view text, const StartTag& joint, const Pose& now, std::vector<Edit>& edits) {
+void add_origin(std::string_view text, const StartTag& joint, const Origin& now, std::vector<Edit>& edits) {
   const char quote = quote_of(text, joint);
   const std::string attributes = new_attribute("xyz", now.xyz, quote) + new_attribute("rpy", now.rpy, quote);
   if (attributes.empty()) {
@@ -260,8 +260,8 @@ void add_origin(std::string_view text, const StartTag& joint, const Pose& now, s
   edits.push_back({joint.end, 0, indent + "<origin" + attributes + "/>"});
 }
 
-Pose corrected(const Pose& old, const OriginCorrection& correction) {
-  Pose now = old;
+Origin corrected(const Origin& old, const OriginCorrection& correction) {
+  Origin now = old;
   urdf::Rotation rotation;
   rotation.setFromRPY(old.rpy[0], old.rpy[1], old.rpy[2]);
   const KDL::Rotation old_rotation = to_kdl(rotation);
@@ -276,7 +276,7 @@ Pose corrected(const Pose& old, const OriginCorrection& correction) {
   return now;
 }
 
-void require_finite(const Pose& pose, const std::string& joint) {
+void require_finite(const Origin& pose, const std::string& joint) {
   for (const Triple& triple : {pose.xyz, pose.rpy}) {
     if (!std::all_of(triple.begin(), triple.end(), [](double x) { return std::isfinite(x); })) {
       throw InputError(kSource + ": joint " + in_quotes(joint) +
@@ -307,8 +307,8 @@ const tinyxml2::XMLElement& find_joint(const tinyxml2::XMLElement& robot, const 
 void edit_joint(std::string_view text, const tinyxml2::XMLElement& joint, const TagPairing& pairing,
                 const OriginCorrection& correction, std::vector<Edit>& edits) {
   const tinyxml2::XMLElement* origin = joint.FirstChildElement("origin");
-  const Pose old{read_triple(origin, "xyz", correction.joint), read_triple(origin, "rpy", correction.joint)};
-  const Pose now = corrected(old, correction);
+  const Origin old{read_triple(origin, "xyz", correction.joint), read_triple(origin, "rpy", correction.joint)};
+  const Origin now = corrected(old, correction);
   require_finite(now, correction.joint);
   if (origin != nullptr) {
     edit_origin(text, pairing.tag(*origin), old, now, edits);

@@ -33,7 +33,7 @@ struct DistanceLevels {
 };
 
 double distance(const Measurements& measurements, std::size_t a, std::size_t b) {
-  return (measurements.observations[a].position - measurements.observations[b].position).norm();
+  return (measurements.observations[a].position() - measurements.observations[b].position()).norm();
 }
 
 template <class Visit>

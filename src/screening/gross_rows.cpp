@@ -11,7 +11,7 @@
 #include "base/distributions.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/residual_options.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
@@ -101,12 +101,12 @@ std::optional<Equations> fitted(Search& search) {
     Index row = result.system.blocks[c];
     for (const std::size_t i : search.of_configuration[c]) {
       result.first_row[i] = row;
-      const int coordinates = coordinates_of(search.means, i);
+      const int coordinates = dimension(search.means.observations[i].reading);
       row += coordinates;
       if (search.weights[i] == 1.0) {
         points += 1.0;
         result.freedom += coordinates;
-        square_metres += measured_minus_predicted(search.means, i, search.estimate, X_BF).squaredNorm();
+        square_metres += measured_minus_predicted(search.means.observations[i], search.estimate, X_BF).squaredNorm();
       }
     }
   }
@@ -119,7 +119,7 @@ std::optional<Equations> fitted(Search& search) {
 GrossGroup group_of(const Search& search, const Equations& equations, std::vector<std::size_t> means) {
   std::vector<Index> rows;
   for (const std::size_t i : means) {
-    for (Index k = 0; k < coordinates_of(search.means, i); ++k) {
+    for (Index k = 0; k < dimension(search.means.observations[i].reading); ++k) {
       rows.push_back(equations.first_row[i] + k);
     }
   }
@@ -181,12 +181,12 @@ namespace {
 // Whether a group that was taken out has single coordinates or distances that are far from where the others put them.
 // No other check looks at single ones.
 bool is_far_off(const Search& search, const GrossGroup& group, double rms) {
-  if (coordinates_of(search.means, group.means.front()) == 3) {
+  if (is_whole(search.means.observations[group.means.front()])) {
     return false;
   }
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(search.problem.model, search.estimate, search.means);
   return std::any_of(group.means.begin(), group.means.end(), [&](std::size_t i) {
-    return measured_minus_predicted(search.means, i, search.estimate, X_BF).norm() > kFarOff * rms;
+    return measured_minus_predicted(search.means.observations[i], search.estimate, X_BF).norm() > kFarOff * rms;
   });
 }
 
@@ -202,7 +202,8 @@ std::vector<GrossRow> described(const Search& search, const std::vector<GrossGro
     row.configuration = means.configurations[static_cast<std::size_t>(first.configuration)];
     row.target = single ? means.targets[static_cast<std::size_t>(first.target)] : std::string();
     for (const std::size_t i : group.means) {
-      row.distance = std::max(row.distance, measured_minus_predicted(search.means, i, search.estimate, X_BF).norm());
+      row.distance =
+          std::max(row.distance, measured_minus_predicted(search.means.observations[i], search.estimate, X_BF).norm());
     }
   }
   return rows;

@@ -122,7 +122,7 @@ ResidualTable residual_table(const ErrorModel& model, const Measurements& measur
   for (const Observation& observation : measurements.observations) {
     const auto k = static_cast<std::size_t>(observation.target);
     const Eigen::Isometry3d& pose = table.X_WF[static_cast<std::size_t>(observation.configuration)];
-    const Vector3d deviation = pose.inverse() * observation.position - table.targets[k];
+    const Vector3d deviation = pose.inverse() * observation.position() - table.targets[k];
     repeats[k].configurations.push_back(observation.configuration);
     repeats[k].values.insert(repeats[k].values.end(), deviation.begin(), deviation.end());
   }
@@ -134,8 +134,8 @@ ResidualTable residual_table(const ErrorModel& model, const Measurements& measur
   const double fitted = fitted_parameters(estimate);
   table.levels = find_levels(all, fitted, 1.0, options);
   for (const Observation& observation : measurements.observations) {
-    table.residuals.emplace_back(
-        observation.position - table.expected(static_cast<std::size_t>(observation.target), observation.configuration));
+    table.residuals.emplace_back(observation.position() - table.expected(static_cast<std::size_t>(observation.target),
+                                                                         observation.configuration));
   }
   set_limits(measurements, fitted, relative_sigmas(measurements), options, table);
   return table;
@@ -162,7 +162,7 @@ std::optional<std::size_t> seems_to_be(const Measurements& measurements, const R
   double nearest = kInfinity;
   for (std::size_t k = 0; k < table.targets.size(); ++k) {
     const Vector3d expected = table.expected(k, observation.configuration);
-    const double off = (observation.position - expected).norm();
+    const double off = (observation.position() - expected).norm();
     const double reach = std::max(std::numbers::sqrt3 * table.limits[row], kNear * (expected - own).norm());
     if (k != target_of(measurements, row) && off < nearest && off < reach && 2.0 * off < table.residuals[row].norm()) {
       nearest = off;

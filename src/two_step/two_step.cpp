@@ -34,7 +34,7 @@ void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const 
   for (const Observation& observation : measurements.observations) {
     const Eigen::Isometry3d& pose = T_robot[static_cast<std::size_t>(observation.configuration)];
     const Matrix3Xd A = base_and_tool_rows(pose, observation.target, tools);
-    const Vector3d dp = X_BW * observation.position - pose.translation();
+    const Vector3d dp = X_BW * observation.position() - pose.translation();
     AtA += A.transpose() * A;
     Atp += A.transpose() * dp;
   }
@@ -67,7 +67,7 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
     const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
-    const Vector3d dp = observation.position - predicted_point(estimate, T_robot, observation);
+    const Vector3d dp = observation.position() - predicted_point(estimate, T_robot, observation);
     if (observation.configuration != configuration) {
       configuration = observation.configuration;
       product = matrix_product(factors, estimate.errors, measurements.joint_values.col(configuration));

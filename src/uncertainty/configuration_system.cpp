@@ -7,8 +7,8 @@
 
 #include "base/dense.hpp"
 #include "estimation/residual_options.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 
@@ -73,13 +73,7 @@ WhitenedSystem ConfigurationSystems::whitened(const std::vector<std::vector<std:
       some.observations.push_back(measurements_.observations[row]);
       some.observations.back().configuration = static_cast<std::int32_t>(i);
       bool& with_orientation = oriented[i][measurements_.observations[row].target];
-      if (!measurements_.orientations.empty()) {
-        some.orientations.push_back(measurements_.orientations[row]);
-        with_orientation = with_orientation || !is_point(measurements_.orientations[row]);
-      }
-      if (has_single_coordinates(measurements_)) {
-        some.coordinates.push_back(measurements_.coordinates[row]);
-      }
+      with_orientation = with_orientation || has_orientation(measurements_.observations[row]);
       if (!residuals_.row_weights.empty()) {
         residuals.row_weights.push_back(residuals_.row_weights[row]);
       }

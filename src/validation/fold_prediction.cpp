@@ -13,8 +13,8 @@
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
 #include "estimation/input_check.hpp"
-#include "measurements/directions.hpp"
 #include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "model/kinematics.hpp"
 #include "uncertainty/configuration_system.hpp"
@@ -174,7 +174,7 @@ public:
       const Observation& observation = problem_.measurements.observations[row];
       if (observation.target == point.target) {
         point.repeats += 1.0;
-        sum += observation.position;
+        sum += observation.position();
       }
     }
     point.measured = sum / point.repeats;
@@ -221,9 +221,6 @@ private:
       for (const std::size_t row : rows_of_means_.at(fold[i])) {
         held_out.observations.push_back(means_.observations[row]);
         held_out.observations.back().configuration = static_cast<std::int32_t>(i);
-        if (has_single_coordinates(means_)) {
-          held_out.coordinates.push_back(means_.coordinates[row]);
-        }
       }
     }
     const Estimate moved = problem_.free.moved(problem_.start, R_.triangularView<Eigen::Upper>().solve(without.step()));

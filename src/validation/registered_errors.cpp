@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
@@ -33,7 +33,7 @@ Freedom freedom_of(const Measurements& training, const RegistrationOptions& know
   const int bases = known.known_base ? 0 : static_cast<int>(stations.size());
   return {.unknowns = 6 * bases + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
-          .coordinates = coordinates_of(averaged(training)),
+          .coordinates = dimension(averaged(training)),
           .configurations = static_cast<int>(configurations.size())};
 }
 

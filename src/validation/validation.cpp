@@ -11,7 +11,7 @@
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
 #include "estimation/input_check.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/same_poses.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
@@ -71,9 +71,9 @@ std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, 
                                     const Measurements& measurements, Rows rows) {
   require_fit(X_BF, estimate, measurements);
   std::vector<double> distances;
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    if (is_among(measurements.observations[row], rows)) {
-      distances.push_back(measured_minus_predicted(measurements, row, estimate, X_BF).norm());
+  for (const Observation& observation : measurements.observations) {
+    if (is_among(observation, rows)) {
+      distances.push_back(measured_minus_predicted(observation, estimate, X_BF).norm());
     }
   }
   return distances;
@@ -112,13 +112,13 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   std::map<std::size_t, Eigen::Vector3d> mean_of;  // for points with repeats only
   for (const Observation& o : means.observations) {
     if (repeats[cell_of(o)] > 1) {
-      mean_of[cell_of(o)] = o.position;
+      mean_of[cell_of(o)] = o.position();
     }
   }
   std::map<std::size_t, std::vector<double>> scatter;
   for (const Observation& o : measurements.observations) {
     if (is_among(o, rows) && repeats[cell_of(o)] > 1) {
-      scatter[cell_of(o)].push_back((o.position - mean_of[cell_of(o)]).norm());
+      scatter[cell_of(o)].push_back((o.position() - mean_of[cell_of(o)]).norm());
     }
   }
   std::vector<double> repeatabilities;
@@ -298,9 +298,9 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, found.estimate, means);
   RefittedFold result{
       .residuals = {}, .configurations = {}, .targets = {}, .converged = found.termination == Termination::converged};
-  for (std::size_t row = 0; row < means.observations.size(); ++row) {
-    if (const Observation& o = means.observations[row]; is_among(o, Rows::test)) {
-      result.residuals.push_back(measured_minus_predicted(means, row, found.estimate, X_BF));
+  for (const Observation& o : means.observations) {
+    if (is_among(o, Rows::test)) {
+      result.residuals.push_back(measured_minus_predicted(o, found.estimate, X_BF));
       result.configurations.push_back(o.configuration);
       result.targets.push_back(o.target);
     }
@@ -315,11 +315,9 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
   std::vector<Eigen::Index> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
   Eigen::Index all = 0;
   const TrainingRows training(measurements);
-  const std::vector<Eigen::Quaterniond>& orientations = (*training).orientations;
-  for (std::size_t i = 0; i < (*training).observations.size(); ++i) {
-    const bool pose = !orientations.empty() && !is_point(orientations[i]);
-    const int own = pose ? 6 : coordinates_of(*training, i);
-    equations[static_cast<std::size_t>((*training).observations[i].configuration)] += own;
+  for (const Observation& observation : (*training).observations) {
+    const int own = has_orientation(observation) ? 6 : dimension(observation.reading);
+    equations[static_cast<std::size_t>(observation.configuration)] += own;
     all += own;
   }
   const std::vector<std::vector<std::int16_t>> lost = bases_lost(measurements, folds);

@@ -20,6 +20,18 @@ TEST(Sha256, GivesThePublishedDigests) {
   EXPECT_EQ(sha256(std::string(1'000'000, 'a')), "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
 }
 
+TEST(Sha256, OfPiecesIsThatOfTheWholeAndStartsAnew) {
+  Sha256 hash;
+  for (const char* text : {"abc", "another one"}) {
+    for (const char* letter = text; *letter != '\0'; ++letter) {
+      hash.add({letter, 1});
+      hash.add("");
+    }
+    EXPECT_EQ(hash.hexadecimal(), sha256(text));
+  }
+  EXPECT_EQ(hash.hexadecimal(), sha256(""));
+}
+
 // Files are read in pieces of 64 KiB: below, at and above the length of one, and of two.
 TEST(Sha256, OfAFileIsThatOfItsBytes) {
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_sha256_test";

@@ -153,7 +153,9 @@ BENCHMARK(iteration_tracker)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond
 // Whole poses of the targets.
 void iteration_poses(benchmark::State& state) {
   Measurements measured = experiment().measurements(static_cast<int>(state.range(0)));
-  measured.orientations.assign(measured.observations.size(), Eigen::Quaterniond::Identity());
+  for (Observation& row : measured.observations) {
+    row.reading = Pose{row.position(), Orientation::Identity()};
+  }
   iteration(state, measured, {});
 }
 BENCHMARK(iteration_poses)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);
@@ -250,7 +252,7 @@ void monte_carlo(benchmark::State& state) {
       Random random(i);
       Measurements noisy = measured;
       for (Observation& observation : noisy.observations) {
-        observation.position += 0.00003 * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
+        observation.position() += 0.00003 * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
       }
       rms[i] = identify_jointly(experiment().model, noisy, start, experiment().free).rms;
     });

@@ -57,7 +57,7 @@ Outcome fit_with_plain_eigen(const Experiment& experiment, const Measurements& m
       const auto row = static_cast<Index>(3 * i);
       J.block(row, 0, 3, chain.cols()) = chain.topRows<3>() - skew(t) * chain.bottomRows<3>();
       J.block<3, 3>(row, chain.cols() + 3 * o.target).setIdentity();
-      e.segment<3>(row) = X_WF.linear().transpose() * (o.position - X_WF.translation()) - t;
+      e.segment<3>(row) = X_WF.linear().transpose() * (o.position() - X_WF.translation()) - t;
     }
   });
 }
@@ -100,7 +100,7 @@ Outcome fit_with_kdl(const Experiment& experiment, const Measurements& measured,
         J.block<3, 1>(row, column++) = to_flange * (twist.head<3>() + Vector3d(twist.tail<3>()).cross(arm));
       }
       J.block<3, 3>(row, column + 3 * o.target).setIdentity();
-      const Vector3d in_base = estimate.X_WB.inverse() * o.position;
+      const Vector3d in_base = estimate.X_WB.inverse() * o.position();
       e.segment<3>(row) = to_flange * (in_base - X_BF.translation()) - t;
     }
   });

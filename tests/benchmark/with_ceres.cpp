@@ -115,7 +115,7 @@ Outcome fit_with_ceres(const Experiment& experiment, const Measurements& measure
     residuals->steps = steps_at(experiment, measured.joint_values.col(measured.observations[i].configuration));
     for (std::size_t k = 0; k < 3; ++k) {
       const Observation& o = measured.observations[i + k];
-      residuals->measured[static_cast<std::size_t>(o.target)] = o.position;
+      residuals->measured[static_cast<std::size_t>(o.target)] = o.position();
     }
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PointResiduals, 9, kBase, kGeometric, kTools>(residuals),
                              nullptr, base.data(), geometric.data(), tools.data());

@@ -350,7 +350,7 @@ TEST(Calibration, TwoStepAgreesWithTheJointEstimate) {
 TEST(Calibration, RobustLossFindsTheOutlierAndKeepsTheAnswer) {
   Simulated s(12, 0.00003);
   const CalibrationResult clean = calibrate(s.model, s.measured, kQuick);
-  s.measured.observations[40].position.y() += 0.01;
+  s.measured.observations[40].position().y() += 0.01;
   const CalibrationResult spoilt = calibrate(s.model, s.measured, kQuick);
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
     CalibrationSettings options = kQuick;
@@ -380,15 +380,15 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
          const auto poses = flange_poses(s.model, s.robot.truth, s.measured.joint_values);
          for (Observation& o : s.measured.observations) {
            if (o.target == 2 && o.configuration >= 12) {
-             o.position +=
+             o.position() +=
                  s.robot.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
            }
          }
          s.robot.truth.targets[2].X_FT.translation() += slip;  // where it is from now on
        }},
       {"swapped in configuration 6",
-       [](Simulated& s) { std::swap(s.measured.observations[15].position, s.measured.observations[16].position); }},
-      {"configuration 14", [](Simulated& s) { s.measured.observations[40].position.y() += 0.01; }}};
+       [](Simulated& s) { std::swap(s.measured.observations[15].position(), s.measured.observations[16].position()); }},
+      {"configuration 14", [](Simulated& s) { s.measured.observations[40].position().y() += 0.01; }}};
   double clean_squares = 0.0;
   for (std::uint64_t seed = 101; seed <= 100 + seeds; ++seed) {
     const Simulated right(seed, 0.00003);
@@ -524,8 +524,8 @@ TEST(Calibration, RowsThatAreNotFittedHaveFullWeightInARobustFit) {
   for (Observation& observation : s.measured.observations) {
     observation.split = observation.configuration % 5 == 2 ? Split::test : Split::train;
   }
-  s.measured.observations[0].position.x() += 0.01;
-  s.measured.observations[6].position.x() += 0.01;  // a test row
+  s.measured.observations[0].position().x() += 0.01;
+  s.measured.observations[6].position().x() += 0.01;  // a test row
   const CalibrationResult found = calibrate(
       s.model, s.measured,
       {.estimator = {.loss = Loss::tukey}, .validation = {.held_out = false}, .diagnosis = {.try_readings = false}});
@@ -544,7 +544,7 @@ TEST(Calibration, NothingBecomesUndeterminedByAWeight) {
   Measurements measured = subset(testing::without_sigmas(experiment.measure(30, {.sigma = 3e-5})),
                                  [](const Observation& o) { return o.target != 3 || o.configuration < 4; });
   for (Observation& observation : measured.observations) {
-    for (double& coordinate : observation.position) {
+    for (double& coordinate : observation.position()) {
       coordinate += observation.target == 3 ? experiment.random.uniform(-1.0, 1.0) : 0.0;
     }
   }
@@ -623,9 +623,9 @@ TEST(Calibration, AccusesNoTargetWhereTheBaseMoved) {
   for (Observation& o : s.measured.observations) {
     if (o.configuration >= 15) {
       const Eigen::Vector3d slip(0.0008, 0.0, 0.0006);
-      o.position += o.target == 2 ? X_BF[static_cast<std::size_t>(o.configuration)].linear() * slip
-                                  : Eigen::Vector3d::Zero().eval();
-      o.position += Eigen::Vector3d(0.004, -0.003, 0.002);
+      o.position() += o.target == 2 ? X_BF[static_cast<std::size_t>(o.configuration)].linear() * slip
+                                    : Eigen::Vector3d::Zero().eval();
+      o.position() += Eigen::Vector3d(0.004, -0.003, 0.002);
     }
   }
   const Beside beside(s.model, s.measured);
@@ -640,7 +640,7 @@ TEST(Calibration, AccusesNoTargetWhereTheBaseMoved) {
 TEST(Calibration, NamesNoRowsWhereTargetsWereExchanged) {
   Simulated s(24, 3e-5);
   for (std::size_t row = 45; row < 90; row += 3) {
-    std::swap(s.measured.observations[row].position, s.measured.observations[row + 1].position);
+    std::swap(s.measured.observations[row].position(), s.measured.observations[row + 1].position());
   }
   const Beside beside(s.model, s.measured);
   EXPECT_THAT(doubted(beside.found), Contains("exchanged_targets"));
@@ -651,7 +651,7 @@ TEST(Calibration, NamesNoRowsWhereTargetsWereExchanged) {
 TEST(Calibration, TrustsDistancesAloneWhereJointValuesWereReadWrongly) {
   Simulated s(25, 3e-5);
   s.measured.joint_values.row(0) *= 1.02;
-  s.measured.observations[9].position.y() += 0.01;
+  s.measured.observations[9].position().y() += 0.01;
   const Beside beside(s.model, s.measured);
   EXPECT_THAT(doubted(beside.found), Contains("joint_gain"));
   EXPECT_EQ(kinds_of(beside.found.diagnosis.findings), kinds_of(check_distances(s.measured)));
@@ -728,7 +728,7 @@ TEST(CalibrationOnRealDataLongRun, R2000iCRadiusHoldsWhatNothingHasSeen) {
     for (const Observation& o : all.observations) {
       if (o.configuration == left) {
         const AskedPoint& point = found.uncertainty.predicted.asked[static_cast<std::size_t>(o.target)];
-        inside += (o.position - point.position_W).norm() <= point.radius_95 ? 1 : 0;
+        inside += (o.position() - point.position_W).norm() <= point.radius_95 ? 1 : 0;
       }
     }
   }

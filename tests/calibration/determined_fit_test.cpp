@@ -83,7 +83,7 @@ TEST(DeterminedFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
             }),
             frames);
   EXPECT_EQ(refused([](Arm& a) {
-              a.measured.orientations.assign(a.measured.observations.size(), Eigen::Quaterniond::Identity());
+              testing::set_orientations(a.measured, Orientation::Identity());
               a.measured.source = "poses.csv";
             }),
             "method: the two-step procedure fits points; the measured orientations of poses.csv need the joint "
@@ -200,10 +200,9 @@ Measured posed_arm(std::uint64_t seed, int repeats, int configurations = 12) {
   std::vector<TargetFrame> targets = published_targets(2);
   targets[0].with_orientation = true;
   Measured arm(seed, targets, configurations, {.sigma = 1e-4, .orientation_sigma = 3e-4, .repeats = repeats});
-  for (std::size_t row = 0; row < arm.measured.observations.size(); ++row) {
-    const Observation& o = arm.measured.observations[row];
+  for (Observation& o : arm.measured.observations) {
     if (o.target == 1 || (o.configuration % 5 == 2 && o.repeat == 1)) {
-      arm.measured.orientations[row].coeffs().setConstant(std::nan(""));
+      testing::remove_orientation(o);
     }
   }
   return arm;
@@ -251,8 +250,8 @@ std::vector<Statement> statements() {
     };
     const auto by_axis = [=](const Observation&) { return Matrix3d(per_axis.cwiseAbs2().asDiagonal()); };
     const auto by_tracker = [=](const Observation& o) {
-      const double distance = o.position.norm();
-      const Vector3d u = o.position / distance;
+      const double distance = o.position().norm();
+      const Vector3d u = o.position() / distance;
       const double along = 5e-5 + 2e-5 * distance;
       const double across = 3e-5 + 1e-4 * distance;
       return Matrix3d(along * along * (u * u.transpose()) +
@@ -472,7 +471,7 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
   Measured arm(9, published_targets(), 14, {.sigma = 1e-4, .repeats = 2, .common = Vector3d(2e-4, 1e-4, 3e-4)});
   std::set<std::size_t> outliers;
   for (std::size_t row = 5; row < arm.measured.observations.size(); row += 17) {
-    arm.measured.observations[row].position[static_cast<Index>(row % 3)] += 4e-3;
+    arm.measured.observations[row].position()[static_cast<Index>(row % 3)] += 4e-3;
     outliers.insert(row);
   }
   for (const Statement& statement : statements()) {
@@ -500,7 +499,7 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
       for (std::size_t row = 0; row < found.fit.robust.weights.size(); ++row) {
         const Observation& o = arm.measured.observations[row];
         const VectorXd q = arm.measured.joint_values.col(o.configuration);
-        const Vector3d e = o.position - testing::kdl_point(chain, estimate, q, o.target);
+        const Vector3d e = o.position() - testing::kdl_point(chain, estimate, q, o.target);
         by_distance.emplace_back(std::sqrt(e.dot((statement.dense.position(o) + common).ldlt().solve(e))),
                                  found.fit.robust.weights[row]);
         if (outliers.count(row) > 0) {
@@ -650,8 +649,11 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
   for (std::size_t row = 0; row < spoilt.observations.size(); ++row) {
     Observation& o = spoilt.observations[row];
     if (o.split == Split::test) {
-      o.position += Vector3d(0.1, -0.2, 0.05) * (1.0 + 0.1 * static_cast<double>(row % 7));
-      spoilt.orientations[row] = spoilt.orientations[row] * Eigen::Quaterniond(testing::turned_by({0.1, 0.2, -0.1}));
+      o.position() += Vector3d(0.1, -0.2, 0.05) * (1.0 + 0.1 * static_cast<double>(row % 7));
+      if (o.orientation() != nullptr) {
+        const Eigen::Quaterniond turn(testing::turned_by({0.1, 0.2, -0.1}));
+        testing::set_orientation(o, testing::orientation_of(o) * turn);
+      }
       spoilt.joint_values.col(o.configuration).setConstant(0.1 + 0.01 * o.configuration);
     }
   }
@@ -699,7 +701,7 @@ TEST(Terminations, SayHowTheJointFitEnded) {
   const Unknowns with_gauge(s.model, start.targets, names);
   expect_end(identify_jointly(s.model, s.measured, start, with_gauge), Termination::rank_deficient, "rank_deficient",
              "converged, but the measurements do not determine all parameters");
-  s.measured.observations[10].position.x() = 1e200;  // finite, its square is not
+  s.measured.observations[10].position().x() = 1e200;  // finite, its square is not
   expect_end(identify_jointly(s.model, s.measured, start, free), Termination::diverged, "diverged",
              "the misfit is no longer finite");
 }
@@ -714,7 +716,7 @@ TEST(Terminations, SayHowTheTwoStepsEnded) {
   expect_end(identify_in_two_steps(s.model, same, start, geometric, {.rounds = 3}), Termination::iteration_limit,
              "iteration_limit", "still moving after 3 rounds");
   Measurements broken = s.measured;
-  broken.observations[0].position.x() = 1e200;
+  broken.observations[0].position().x() = 1e200;
   expect_end(identify_in_two_steps(
                  s.model, [&](int) { return broken; }, start, geometric),
              Termination::diverged, "diverged", "the misfit is no longer finite");

@@ -55,7 +55,7 @@ struct Found {
     for (std::int32_t c = 0; c < 3; ++c) {
       measured.joint_values.col(c).setConstant(0.1 * c);
       measured.configurations.push_back(std::to_string(c + 1));
-      measured.observations.push_back({.position = {0.1 * c, 0.1 * c * c, 0.0}, .configuration = c});
+      measured.observations.push_back({.reading = Point{{0.1 * c, 0.1 * c * c, 0.0}}, .configuration = c});
     }
     measured.targets = {"A"};
   }
@@ -568,7 +568,7 @@ TEST(WarningsOfCalibrations, OfMoreThanTwentyThousandRowsComeFromDistancesAlone)
   Series s(4, {.sigma = kNoise}, published_targets(4));
   s.measure_at(s.measured.joint_values, {.sigma = kNoise, .repeats = 200});
   ASSERT_EQ(s.measured.observations.size(), 20000U);
-  s.measured.observations[401].position.x() += 0.03;
+  s.measured.observations[401].position().x() += 0.03;
   for (const bool many : {false, true}) {
     if (many) {
       Observation more = s.measured.observations.back();
@@ -751,17 +751,17 @@ const Spoiling kTurn = doubted_for("moved_base", [](Measured& m, std::uint64_t s
   const Vector3d base = m.truth.X_WB.translation();
   double squares = 0.0;
   for (const Observation& observation : m.data.observations) {
-    squares += (observation.position - base).squaredNorm();
+    squares += (observation.position() - base).squaredNorm();
   }
   const double lever = std::sqrt(squares / static_cast<double>(m.data.observations.size()));
   const Eigen::Matrix3d turn = rotation_exp(ten_sigma(seed) / lever);
   for_rows(m, [&](Observation& o) {
-    o.position = o.configuration >= place(seed) ? Vector3d(base + turn * (o.position - base)) : o.position;
+    o.position() = o.configuration >= place(seed) ? Vector3d(base + turn * (o.position() - base)) : o.position();
   });
 });
 
 const Spoiling kDrift = doubted_for("drift", [](Measured& m, std::uint64_t seed) {
-  for_rows(m, [&](Observation& o) { o.position += o.configuration / 29.0 * ten_sigma(seed); });
+  for_rows(m, [&](Observation& o) { o.position() += o.configuration / 29.0 * ten_sigma(seed); });
 });
 
 // 1 mm along the flange's x, which only one of three targets does.
@@ -769,14 +769,14 @@ const Spoiling kSlip = found_as(QualityKind::slipped_target, [](Measured& m, std
   const int target = static_cast<int>(seed % 3);
   for_rows(m, [&](Observation& o) {
     if (o.configuration >= place(seed) && o.target == target) {
-      o.position += true_flange(m, o.configuration).linear() * Vector3d(0.001, 0.0, 0.0);
+      o.position() += true_flange(m, o.configuration).linear() * Vector3d(0.001, 0.0, 0.0);
     }
   });
 });
 
 const Spoiling kTypingError = found_as(QualityKind::mistyped_coordinate, [](Measured& m, std::uint64_t seed) {
   Observation& row = m.data.observations[seed * 7 % m.data.observations.size()];
-  row.position[static_cast<Eigen::Index>(seed % 3)] += 0.0005;
+  row.position()[static_cast<Eigen::Index>(seed % 3)] += 0.0005;
 });
 
 TEST(Mistakes, AMovedTrackerIsDoubted) {

@@ -50,7 +50,7 @@ struct Job {
   Vector3d direction() { return Vector3d{random.normal(), random.normal(), random.normal()}.normalized(); }
   void displace(int configuration, double distance) {
     const Vector3d step = distance * direction();
-    for_configurations([=](int c) { return c == configuration; }, [&](Observation& o) { o.position += step; });
+    for_configurations([=](int c) { return c == configuration; }, [&](Observation& o) { o.position() += step; });
   }
 };
 
@@ -85,7 +85,7 @@ std::vector<Falsification> of_rows() {
                    [=](Job& job) { job.displace(7, distance); }});
   }
   all.push_back(
-      {"one point off by 20 mm", "gross_rows", [](Job& job) { job.m.data.observations[9].position.x() += 0.02; }});
+      {"one point off by 20 mm", "gross_rows", [](Job& job) { job.m.data.observations[9].position().x() += 0.02; }});
   all.push_back({"a joint 5 degrees off in one row", "gross_rows",
                  [](Job& job) { job.m.data.joint_values(2, 11) += 5.0 * kDegree; }});
   all.push_back({"a tenth of the poses off by 1 to 100 mm", "gross_rows", [](Job& job) {
@@ -115,9 +115,9 @@ std::vector<Falsification> of_rows() {
                    job.m.data.joint_values = q;
                  }});
   all.push_back({"millimetres in half of the file", "large_misfit",
-                 [](Job& job) { job.for_second_half([](Observation& o) { o.position *= 1000.0; }); }});
+                 [](Job& job) { job.for_second_half([](Observation& o) { o.position() *= 1000.0; }); }});
   all.push_back({"a tracker moved by 5 mm in the middle", "moved_base",
-                 [](Job& job) { job.for_second_half([](Observation& o) { o.position.y() += 0.005; }); }});
+                 [](Job& job) { job.for_second_half([](Observation& o) { o.position().y() += 0.005; }); }});
   return all;
 }
 
@@ -150,16 +150,16 @@ std::vector<Falsification> of_models() {
              job.for_configurations([](int c) { return c % 4 == 0; },
                                     [&](Observation& o) {
                                       o.split = Split::test;
-                                      o.position.z() += 2.0;
+                                      o.position().z() += 2.0;
                                     });
            }}};
 }
 
 void for_orientations(Job& job, const std::function<bool(const Observation&)>& which,
                       const std::function<Eigen::Quaterniond(const Eigen::Quaterniond&)>& change) {
-  for (std::size_t row = 0; row < job.m.data.observations.size(); ++row) {
-    if (which(job.m.data.observations[row])) {
-      job.m.data.orientations[row] = change(job.m.data.orientations[row]);
+  for (Observation& o : job.m.data.observations) {
+    if (which(o)) {
+      testing::set_orientation(o, change(testing::orientation_of(o)));
     }
   }
 }
@@ -275,8 +275,8 @@ void in_sockets(Job& job) {
   m.data = without_sigmas(touch({.sockets = sockets, .places = 1}, ranges, 42, job.random, robot));
   m.data.stations.clear();  // a tracker measures it
   std::stable_sort(m.data.observations.begin(), m.data.observations.end(),
-                   [](const Observation& a, const Observation& b) { return a.position.x() < b.position.x(); });
-  for_rows(m, [&](Observation& o) { o.position += 2e-5 * job.direction(); });
+                   [](const Observation& a, const Observation& b) { return a.position().x() < b.position().x(); });
+  for_rows(m, [&](Observation& o) { o.position() += 2e-5 * job.direction(); });
 }
 
 // Every pose four times, under labels of their own and with joint values as a controller reads them back.
@@ -294,7 +294,7 @@ void read_back(Job& job) {
     }
     for (Observation o : once.observations) {
       o.configuration += static_cast<int>(time * poses);
-      o.position += 3e-5 * job.random.normal() * job.direction();
+      o.position() += 3e-5 * job.random.normal() * job.direction();
       data.observations.push_back(o);
     }
   }
@@ -309,7 +309,7 @@ void with_a_joint_at_rest(Job& job, int j) {
 void heavy_tailed(Job& job) {
   for_rows(job.m, [&](Observation& o) {
     const double chi = std::hypot(job.random.normal(), job.random.normal()) / std::numbers::sqrt2;
-    o.position += 3e-5 * job.random.normal() / std::max(chi, 0.05) * job.direction();
+    o.position() += 3e-5 * job.random.normal() / std::max(chi, 0.05) * job.direction();
   });
 }
 

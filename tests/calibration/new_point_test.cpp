@@ -133,7 +133,8 @@ Measurements measured_at(const Eigen::MatrixXd& joint_values) {
   measurements.targets = {"A"};
   for (Eigen::Index c = 0; c < joint_values.cols(); ++c) {
     measurements.configurations.push_back(std::to_string(c));
-    measurements.observations.push_back({.position = Vector3d::Zero(), .configuration = static_cast<std::int32_t>(c)});
+    measurements.observations.push_back(
+        {.reading = Point{Vector3d::Zero()}, .configuration = static_cast<std::int32_t>(c)});
   }
   return measurements;
 }

@@ -99,7 +99,7 @@ Measurements repeated(double share) {
       for (std::int32_t repeat = 1; repeat <= 3; ++repeat) {
         const Vector3d off{random.normal(), random.normal(), share * random.normal()};
         measured.observations.push_back(
-            {.position = 1e-4 * off, .configuration = c, .target = target, .repeat = repeat});
+            {.reading = Point{1e-4 * off}, .configuration = c, .target = target, .repeat = repeat});
       }
     }
   }
@@ -129,7 +129,7 @@ TEST(NoiseReport, OrientationsWithASigmaNeedOneOfPositions) {
   EXPECT_EQ(said(), kNothing) << "nothing is stated";
   options.stated.orientation = 1e-4;
   EXPECT_THAT(said(), HasSubstr("no row of points.csv has a quaternion"));
-  measured.orientations.assign(measured.observations.size(), Eigen::Quaterniond::Identity());
+  testing::set_orientations(measured, Orientation::Identity());
   EXPECT_THAT(said(), HasSubstr("needs the noise of positions as well"));
   options.weights = Weights::repeats;
   EXPECT_EQ(said(), kNothing);
@@ -357,7 +357,7 @@ TEST(NoiseReport, OfARobustFitIsThatOfTheRowsThatAreNotOutliers) {
   for (const double stated : {0.0, 0.5e-4, 2e-4}) {
     Fitted f({.sigma = 1e-4}, 30);
     for (const std::size_t row : {4U, 17U, 33U}) {
-      f.measured.observations[row].position.x() += 0.01;
+      f.measured.observations[row].position().x() += 0.01;
     }
     f.stated.independent.setConstant(stated);
     f.fit_options.joint.residuals.noise = f.stated;
@@ -405,7 +405,7 @@ TEST(NoiseReport, LackOfFitSaysWhichJointExplainsIt) {
   Fitted f({.sigma = 1e-4, .repeats = 3}, 60);
   for (Observation& o : f.measured.observations) {
     const double q = f.measured.joint_values(2, o.configuration);
-    o.position += 1e-3 * Vector3d(std::sin(q), -std::cos(q), 0.0);
+    o.position() += 1e-3 * Vector3d(std::sin(q), -std::cos(q), 0.0);
   }
   const std::optional<LackOfFit> lack = lack_of_fit(f.model, f.measured, f.optimum, f.free);
   ASSERT_TRUE(lack.has_value());

@@ -335,7 +335,7 @@ std::vector<double> distances_to_means(const InDoubt& arm, const Estimate& estim
     double count = 0.0;
     for (const Observation& o : arm.measured.observations) {
       if (o.configuration == configuration && o.target == static_cast<int>(k)) {
-        sum += o.position;
+        sum += o.position();
         count += 1.0;
       }
     }
@@ -386,7 +386,7 @@ TEST(ValidationStage, NestedLeaveOneOutChoosesWithoutTheConfigurationThatItPredi
 
 TEST(ValidationStage, LeaveOneOutIsALoopWithTheSameLossNoiseAndPriors) {
   InDoubt arm;
-  arm.measured.observations[20].position.x() += 0.01;  // an outlier
+  arm.measured.observations[20].position().x() += 0.01;  // an outlier
   CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
   options.selection.priors = {.length = 1e-3, .angle = 1e-3};
   options.noise.stated.independent = Vector3d(3e-4, 4e-4, 5e-4);

@@ -490,7 +490,7 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeR
                         "--nested --k-fold 3 --predict-at asked.csv --json")));
   succeed(noisy + Words{"--output", "points.csv"});
   Measurements points = read_measurements(directory / "points.csv", joint_names(fanuc()));
-  points.observations[40].position.y() += 0.01;
+  points.observations[40].position().y() += 0.01;
   write("mistyped.csv", measurements_csv(points));
   const Outcome mistyped = run({"calibrate", "--measurements", "mistyped.csv", "--method", "two-step", "--json"});
   read(Json::parse(mistyped.out));

@@ -39,8 +39,8 @@ std::string points_of(const Measurements& measured, const Written& as) {
     const std::string name =
         fmt::format(fmt::runtime(as.pattern), measured.configurations[static_cast<std::size_t>(row.configuration)],
                     measured.targets[static_cast<std::size_t>(row.target)]);
-    csv += fmt::format("{1}{0}{2}{0}{3}{0}{4}\n", as.separator, number(row.position.x() * 1e3, as), name,
-                       number(row.position.y() * 1e3, as), number(row.position.z() * 1e3, as));
+    csv += fmt::format("{1}{0}{2}{0}{3}{0}{4}\n", as.separator, number(row.position().x() * 1e3, as), name,
+                       number(row.position().y() * 1e3, as), number(row.position().z() * 1e3, as));
   }
   return csv;
 }
@@ -83,7 +83,7 @@ TEST_F(JoinedFilesOfATracker, AreTheRowsOfOneFile) {
     EXPECT_EQ(found.joint_values, measured.joint_values) << names;  // every digit
     ASSERT_EQ(found.observations.size(), measured.observations.size());
     for (std::size_t i = 0; i < found.observations.size(); ++i) {
-      EXPECT_LT((found.observations[i].position - measured.observations[i].position).norm(), 1e-15) << names;
+      EXPECT_LT((found.observations[i].position() - measured.observations[i].position()).norm(), 1e-15) << names;
       EXPECT_EQ(found.observations[i].configuration, measured.observations[i].configuration);
       EXPECT_EQ(found.observations[i].target, measured.observations[i].target);
     }
@@ -94,7 +94,7 @@ TEST_F(JoinedFilesOfATracker, AColumnNamesTheConfigurationAsWell) {
   const Measurements found = joined("pose,point,x,y,z,sigma\n,,mm,mm,mm,mm\n2,A,1,2,3,0.5\n\n1,B,4,5,6,0.5\n", "");
   EXPECT_EQ(found.configurations, (std::vector<std::string>{"2", "1"}));
   EXPECT_EQ(found.targets, (std::vector<std::string>{"A", "B"}));
-  EXPECT_EQ(found.observations[1].position, Eigen::Vector3d(4e-3, 5e-3, 6e-3));
+  EXPECT_EQ(found.observations[1].position(), Eigen::Vector3d(4e-3, 5e-3, 6e-3));
   EXPECT_EQ(found.observations[1].sigma, 5e-4);
   EXPECT_EQ(found.joint_values.col(1), measured.joint_values.col(0));
 }

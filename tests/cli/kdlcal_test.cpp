@@ -199,7 +199,7 @@ TEST_F(Simulate, WritesTheTruthThatMadeTheMeasurements) {
     const KDL::Chain chain = error_chain(complete, stated.errors);
     for (const Observation& o : measurements.observations) {
       const Eigen::VectorXd q = measurements.joint_values.col(o.configuration);
-      EXPECT_LT((kdl_point(chain, stated, q, o.target) - o.position).norm(), 1e-12);
+      EXPECT_LT((kdl_point(chain, stated, q, o.target) - o.position()).norm(), 1e-12);
     }
   }
 }

@@ -176,7 +176,7 @@ TEST_F(CommandLineWarnings, CalibrateNamesNoConventionWhereTheMeasurementsAreToB
 
 TEST_F(CommandLineWarnings, CalibrateDoubtsARowThatSpoilsTheFitAndTellsHowToLeaveItOut) {
   Measurements mistyped = measured;
-  mistyped.observations[40].position.y() += 0.01;
+  mistyped.observations[40].position().y() += 0.01;
   write("m.csv", measurements_csv(mistyped));
   expect({"calibrate", "--measurements", "m.csv", "--effects", "none"}, 1,
          {"measurements: target B in configuration 14, repeat 1: y is off by about 10.0 mm"},
@@ -271,7 +271,7 @@ TEST_F(CommandLineWarnings, ValidateDoubtsAMisfitOfATenthOfTheArm) {
   for (const double share : {0.08, 0.14}) {
     Measurements scattered = exact;
     for (Observation& observation : scattered.observations) {
-      observation.position +=
+      observation.position() +=
           share * reach / std::sqrt(3.0) * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
     }
     write("m.csv", measurements_csv(scattered));

@@ -296,7 +296,7 @@ std::vector<OptionCase> robot_options() {
        [](const Effect& effect) {
          const Measurements read = parse_measurements(effect.with.files.at("p.csv"), joint_names(arm()));
          for (const Observation& o : read.observations) {
-           EXPECT_TRUE(o.position.isZero() || o.position == Eigen::Vector3d(0.1, 0.0, 0.0));
+           EXPECT_TRUE(o.position().isZero() || o.position() == Eigen::Vector3d(0.1, 0.0, 0.0));
          }
          EXPECT_EQ(read.configurations.size(), 40U);
        },

@@ -7,8 +7,10 @@
 #include "cli_options_support.hpp"
 #include "json_support.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "measurements/readings.hpp"
 #include "planning/measuring_plan.hpp"
 #include "printed_text.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::testing::simulate_test {
 namespace {
@@ -39,7 +41,7 @@ Check scatters(double sigma) {
     ASSERT_EQ(with.observations.size(), without.observations.size());
     double sum = 0.0;
     for (std::size_t i = 0; i < with.observations.size(); ++i) {
-      sum += (with.observations[i].position - without.observations[i].position).squaredNorm() / 3.0;
+      sum += (with.observations[i].position() - without.observations[i].position()).squaredNorm() / 3.0;
     }
     const double found = std::sqrt(sum / static_cast<double>(with.observations.size()));
     EXPECT_NEAR(found, sigma, 0.25 * sigma);  // 108 numbers: four times the 1 sigma of their scatter
@@ -51,11 +53,13 @@ Check turns_orientations(double sigma) {
   return [=](const Effect& effect) {
     const Measurements without = rows_of(effect.without);
     const Measurements with = rows_of(effect.with);
-    ASSERT_EQ(with.orientations.size(), 36U);
+    ASSERT_EQ(with.observations.size(), 36U);
     double sum = 0.0;
     for (std::size_t i = 0; i < 36; ++i) {
-      EXPECT_EQ(with.observations[i].position, without.observations[i].position);
-      sum += std::pow(with.orientations[i].angularDistance(without.orientations[i]), 2) / 3.0;
+      const Observation& one = with.observations[i];
+      const Observation& other = without.observations[i];
+      EXPECT_EQ(one.position(), other.position());
+      sum += std::pow(testing::orientation_of(one).angularDistance(testing::orientation_of(other)), 2) / 3.0;
     }
     EXPECT_NEAR(std::sqrt(sum / 36.0), sigma, 0.25 * sigma);
   };
@@ -145,7 +149,7 @@ std::vector<OptionCase> draw_options() {
                        double largest = 0.0;
                        for (std::size_t i = 0; i < with.observations.size(); ++i) {
                          const Observation& o = with.observations[i];
-                         largest = std::max(largest, (o.position - without.observations.at(i).position).norm());
+                         largest = std::max(largest, (o.position() - without.observations.at(i).position()).norm());
                        }
                        EXPECT_GT(largest, 1e-4);
                        EXPECT_LT(largest, 2e-2);
@@ -155,10 +159,10 @@ std::vector<OptionCase> draw_options() {
        truth_changes({"effects/terms"},
                      [](const Effect& effect) {
                        const Measurements with = rows_of(effect.with);
-                       EXPECT_TRUE(rows_of(effect.without).order.empty());
-                       ASSERT_EQ(with.order.size(), with.observations.size());
-                       for (std::size_t i = 0; i < with.order.size(); ++i) {
-                         EXPECT_EQ(with.order[i], static_cast<std::int64_t>(i) + 1);
+                       EXPECT_TRUE(testing::order_of(rows_of(effect.without)).empty());
+                       ASSERT_EQ(testing::order_of(with).size(), with.observations.size());
+                       for (std::size_t i = 0; i < with.observations.size(); ++i) {
+                         EXPECT_EQ(with.observations[i].order, static_cast<std::int64_t>(i) + 1);
                        }
                        const Json terms = effect.with.file("t.json")["effects"]["terms"];
                        EXPECT_EQ(terms.size(), effect.without.file("t.json")["effects"]["terms"].size() + 6);
@@ -262,7 +266,7 @@ std::vector<OptionCase> experiment_options() {
          EXPECT_EQ(effect.with.file("t.json")["stations"].size(), 2U);
          for (std::size_t i = 0; i < 36; ++i) {
            EXPECT_EQ(with.observations[i].station, i < 18 ? 0 : 1);
-           EXPECT_EQ(with.observations[i].position == without.observations[i].position, i < 18) << i;
+           EXPECT_EQ(with.observations[i].position() == without.observations[i].position(), i < 18) << i;
          }
        }},
       {"SocketsAreTouchedInTurn",
@@ -271,7 +275,7 @@ std::vector<OptionCase> experiment_options() {
          const Measurements touches = rows_of(effect.with);
          ASSERT_EQ(touches.observations.size(), 12U);
          for (std::size_t i = 0; i < 12; ++i) {
-           EXPECT_EQ(touches.observations[i].position,
+           EXPECT_EQ(touches.observations[i].position(),
                      i % 2 == 0 ? Eigen::Vector3d(0.0, 0.2, 0.0) : Eigen::Vector3d(0.3, 0.0, -0.4));
          }
        },
@@ -282,16 +286,20 @@ std::vector<OptionCase> experiment_options() {
          const Measurements without = rows_of(effect.without);
          const Measurements with = rows_of(effect.with);
          for (std::size_t i = 0; i < with.observations.size(); ++i) {
-           const Eigen::Vector3d& whole = without.observations[i].position;
-           EXPECT_EQ(with.observations[i].position, Eigen::Vector3d(whole.x(), 0.0, whole.z())) << i;
-           EXPECT_EQ(with.coordinates.at(i).directions, Eigen::Matrix3d(Eigen::Vector3d(1.0, 0.0, 1.0).asDiagonal()));
+           const Eigen::Vector3d& whole = without.observations[i].position();
+           const auto& found = std::get<Coordinates>(with.observations[i].reading);
+           EXPECT_EQ(found.position, Eigen::Vector3d(whole.x(), 0.0, whole.z())) << i;
+           EXPECT_EQ(found.normal, Eigen::Vector3d::UnitY()) << i;
+           EXPECT_EQ(found.count, 2) << i;
          }
        }},
       {"PosesHaveOrientations",
        {"--poses"},
        [](const Effect& effect) {
-         EXPECT_TRUE(rows_of(effect.without).orientations.empty());
-         EXPECT_EQ(rows_of(effect.with).orientations.size(), 36U);
+         EXPECT_FALSE(has_orientations(rows_of(effect.without)));
+         const std::vector<Observation> with = rows_of(effect.with).observations;
+         EXPECT_EQ(with.size(), 36U);
+         EXPECT_TRUE(std::all_of(with.begin(), with.end(), has_orientation));
          EXPECT_EQ(effect.with.file("t.json")["targets"][0]["quaternion_wxyz"].size(), 4U);
          EXPECT_EQ(rows_of(effect.with).joint_values.cols(), 12);
        }},

@@ -26,7 +26,7 @@ Eigen::VectorXd distances_by_kdl(const Json& answer, const std::filesystem::path
   for (Eigen::Index row = 0; row < distances.size(); ++row) {
     const Observation& o = measurements.observations[static_cast<std::size_t>(row)];
     const Eigen::VectorXd q = measurements.joint_values.col(o.configuration);
-    distances[row] = (o.position - kdl_point(robot.chain, stated, q, o.target)).norm();
+    distances[row] = (o.position() - kdl_point(robot.chain, stated, q, o.target)).norm();
   }
   return distances;
 }

@@ -125,7 +125,7 @@ TEST(AlternativeReadings, JudgeAModelOfWhichNothingIsFree) {
   Measurements measured = testing::without_sigmas(experiment.measure(40, {.sigma = 3e-5}));
   EXPECT_THAT(causes(alternative_readings(experiment.model, measured, experiment.robot.truth, none)), IsEmpty());
   for (Observation& o : measured.observations) {
-    o.position.x() += o.configuration < 20 ? 0.0 : 0.001;  // somebody moved the tracker
+    o.position().x() += o.configuration < 20 ? 0.0 : 0.001;  // somebody moved the tracker
   }
   EXPECT_FALSE(alternative_readings(experiment.model, measured, experiment.robot.truth, none).empty());
 }
@@ -144,12 +144,11 @@ TEST(AlternativeReadings, TakeTheOrderFromTheColumnAndElseSayThatTheFileGaveIt) 
   Measured m = measured(large_arm(), 2);
   testing::moved_from(14, {0.001, 0.0, 0.0}).make(m);
   EXPECT_THAT(text(suspicions_of(m)), HasSubstr("after configuration 14 if the file is in the order of measurement"));
-  for (const Observation& observation : m.data.observations) {
-    m.data.order.push_back(observation.configuration);
+  for (Observation& observation : m.data.observations) {
+    observation.order = observation.configuration;
   }
   // The same rows from the last configuration to the first.
   std::reverse(m.data.observations.begin(), m.data.observations.end());
-  std::reverse(m.data.order.begin(), m.data.order.end());
   EXPECT_THAT(text(suspicions_of(m)),
               ::testing::AllOf(HasSubstr("after configuration 14"), ::testing::Not(HasSubstr("if the"))));
 }
@@ -159,7 +158,7 @@ TEST(AlternativeReadings, LeaveATargetThatSlippedToTheChecksOfTargets) {
     Measured m = measured(large_arm(), seed);
     for_rows(m, [&](Observation& o) {
       if (o.configuration >= 12 && o.target == 1) {
-        o.position += testing::true_flange(m, o.configuration).linear() * Vector3d(0.001, 0.0, 0.0);
+        o.position() += testing::true_flange(m, o.configuration).linear() * Vector3d(0.001, 0.0, 0.0);
       }
     });
     EXPECT_THAT(causes(suspicions_of(m)), IsEmpty()) << seed;
@@ -170,7 +169,7 @@ TEST(AlternativeReadings, LeaveATargetThatSlippedToTheChecksOfTargets) {
 TEST(AlternativeReadings, TellAScaleOfThePointsBesideGeometryThatIsHeld) {
   for (const double factor : {1.008, 1.02}) {
     Measured m = measured(large_arm(), 6, {.length = 0.0003, .angle = 0.0003});
-    for_rows(m, [&](Observation& o) { o.position *= factor; });
+    for_rows(m, [&](Observation& o) { o.position() *= factor; });
     const Unknowns frames = m.free.without(UnknownGroup::geometric);
     const std::vector<AlternativeReading> found =
         alternative_readings(m.model, m.data, nominal_start(m.model, m.data), frames);
@@ -202,7 +201,7 @@ TEST(AlternativeReadings, RemarkThatAConfigurationHasTwoLabelsAndThatTestRowsAre
   for_rows(m, [&](Observation& o) {
     if (o.configuration == 7) {
       o.split = Split::test;
-      o.position = m.data.observations[6 + static_cast<std::size_t>(o.target)].position;
+      o.position() = m.data.observations[6 + static_cast<std::size_t>(o.target)].position();
     }
   });
   const std::vector<AlternativeReading> found = suspicions_of(m);
@@ -234,13 +233,13 @@ std::vector<AlternativeReading> suspicions_of_truth(const Measured& m) {
 }
 
 void scale(Measured& m, const Vector3d& factors) {
-  for_rows(m, [&](Observation& o) { o.position = o.position.cwiseProduct(factors); });
+  for_rows(m, [&](Observation& o) { o.position() = o.position().cwiseProduct(factors); });
 }
 
 void disturb(Measured& m, double size) {
   Random random(7);
   for_rows(m, [&](Observation& o) {
-    o.position += size * Vector3d{random.normal(), random.normal(), random.normal()};
+    o.position() += size * Vector3d{random.normal(), random.normal(), random.normal()};
   });
 }
 
@@ -299,7 +298,7 @@ TEST(AlternativeReadings, SayNothingOfScalesBesideAFrameThatIsKnown) {
 TEST(AlternativeReadings, TellPointsThatHardlyMoveWhileTheFlangeDoes) {
   Measured m = exact(light_arm(), 2, {.configurations = 20, .targets = 2});
   EXPECT_FALSE(has(suspicions_of_frames(m), "tool_frame"));
-  for_rows(m, [](Observation& o) { o.position = Vector3d(0.1, 0.2, 0.3); });
+  for_rows(m, [](Observation& o) { o.position() = Vector3d(0.1, 0.2, 0.3); });
   disturb(m, 0.001);
   EXPECT_TRUE(has(suspicions_of_frames(m), "tool_frame"));
 }
@@ -340,11 +339,11 @@ TEST(AlternativeReadings, OfARobotThatNobodyCalibratedAreNotItsErrors) {
 TEST(AlternativeReadings, SayHowFarTheBaseTurnedAndDrifted) {
   Measured turned = exact(light_arm(), 3, {.configurations = 14, .targets = 1, .noise = 1e-7});
   for_rows(turned, [&](Observation& o) {
-    o.position = o.configuration >= 6 ? Vector3d(rotation_exp({0.0, 0.0, 0.0017}) * o.position) : o.position;
+    o.position() = o.configuration >= 6 ? Vector3d(rotation_exp({0.0, 0.0, 0.0017}) * o.position()) : o.position();
   });
   EXPECT_THAT(text(suspicions_of_truth(turned)), HasSubstr("(turned by 1.7 mrad) after configuration 6"));
   Measured drifted = exact(light_arm(), 3, {.configurations = 14, .targets = 1, .noise = 1e-7});
-  for_rows(drifted, [](Observation& o) { o.position.x() += 0.0039 * o.configuration / 13.0; });
+  for_rows(drifted, [](Observation& o) { o.position().x() += 0.0039 * o.configuration / 13.0; });
   const std::vector<AlternativeReading> found = suspicions_of_truth(drifted);
   EXPECT_THAT(causes(found), ElementsAre("drift"));
   EXPECT_THAT(text(found), HasSubstr("a base that drifts against the measuring device, by 3.9 mm (turned by "));
@@ -356,7 +355,7 @@ TEST(AlternativeReadings, SayHowFarTheBaseTurnedAndDrifted) {
 Measured with_function(int configurations, double size, double noise) {
   Measured m = exact(light_arm(), 8, {.configurations = configurations, .targets = 2, .noise = 0.0});
   for_rows(m, [&](Observation& o) {
-    o.position += size * std::sin(m.data.joint_values(1, o.configuration)) * Vector3d(0.6, 0.0, 0.8);
+    o.position() += size * std::sin(m.data.joint_values(1, o.configuration)) * Vector3d(0.6, 0.0, 0.8);
   });
   disturb(m, noise);
   return m;
@@ -376,7 +375,7 @@ TEST(AlternativeReadings, TakeEqualPointsForCopiesOfTheSameTargetAlone) {
   for_rows(m, [&](Observation& o) {
     o.split = o.configuration == 7 ? Split::test : Split::train;
     if (o.configuration == 7) {  // the points of the other target
-      o.position = m.data.observations[static_cast<std::size_t>(4 + 1 - o.target)].position;
+      o.position() = m.data.observations[static_cast<std::size_t>(4 + 1 - o.target)].position();
     }
   });
   const std::vector<AlternativeReading> found = suspicions_of_truth(m);

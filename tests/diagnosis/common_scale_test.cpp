@@ -24,13 +24,9 @@ using testing::kNoise;
 
 // The lengths of one station, multiplied by `factor`.
 Measurements with_scale(Measurements measurements, int station, double factor) {
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    Observation& observation = measurements.observations[row];
+  for (Observation& observation : measurements.observations) {
     if (observation.station == station) {
-      observation.position *= factor;
-      if (!measurements.coordinates.empty()) {
-        measurements.coordinates[row].distance *= factor;
-      }
+      testing::scale_lengths(observation, factor);
     }
   }
   return measurements;
@@ -106,8 +102,8 @@ TEST(StationScales, AreNoShiftOfAKnownBase) {
   testing::Tracker experiment(3);
   Measurements measurements = experiment.measured(36, kNoise);
   for (Observation& o : measurements.observations) {
-    o.position += Eigen::Vector3d(40.0, 10.0, 5.0);
-    o.position += o.station == 1 ? Eigen::Vector3d(0.004, 0.001, 0.0005) : Eigen::Vector3d::Zero();
+    o.position() += Eigen::Vector3d(40.0, 10.0, 5.0);
+    o.position() += o.station == 1 ? Eigen::Vector3d(0.004, 0.001, 0.0005) : Eigen::Vector3d::Zero();
   }
   CalibrationOptions options = testing::geometry_alone();
   options.diagnosis.try_readings = true;

@@ -27,7 +27,7 @@ Estimate fit_of(const Measured& m) {
 void move_base(Measured& m, int from, const Vector3d& step, double angle) {
   for (Observation& o : m.data.observations) {
     if (o.configuration >= from) {
-      o.position = rotation_exp({angle, 0.0, -angle}) * o.position + step;
+      o.position() = rotation_exp({angle, 0.0, -angle}) * o.position() + step;
     }
   }
 }
@@ -57,11 +57,11 @@ std::vector<Case> cases() {
   move_base(all[3].m, 8, step, 0.0);
   move_base(all[4].m, 12, 10.0 * step, 0.0);
   for (Observation& o : all[5].m.data.observations) {
-    o.position += o.configuration / 23.0 * 3.0 * step;
+    o.position() += o.configuration / 23.0 * 3.0 * step;
   }
   for (Observation& o : all[6].m.data.observations) {
     if (o.target == 2 && o.configuration >= 6) {
-      o.position += testing::true_flange(all[6].m, o.configuration).linear() * step;
+      o.position() += testing::true_flange(all[6].m, o.configuration).linear() * step;
     }
   }
   return all;
@@ -92,8 +92,8 @@ TEST(OrderCheck, AccusesNothingThatStoodStill) {
 TEST(OrderCheck, AccusesNoArmThatSagsAlongTheOrder) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     Measured m = measured(large_arm(), seed, {.configurations = 24, .effect = 0.002});
-    for (const Observation& o : m.data.observations) {
-      m.data.order.push_back(std::lround(1e6 * m.data.joint_values(1, o.configuration)));
+    for (Observation& o : m.data.observations) {
+      o.order = std::lround(1e6 * m.data.joint_values(1, o.configuration));
     }
     EXPECT_FALSE(check_order(m.model, m.data, fit_of(m), m.free)) << seed;
   }
@@ -117,8 +117,8 @@ TEST(OrderCheck, TakesVisitsInTheOrderThatIsStatedElseInThatOfTheirFirstRows) {
   const std::optional<OrderFinding> reversed = check_order(m.model, m.data, fit, m.free);
   ASSERT_TRUE(reversed);
   EXPECT_EQ(reversed->last_before, 7);
-  for (const Observation& o : m.data.observations) {
-    m.data.order.push_back(100 + o.configuration);
+  for (Observation& o : m.data.observations) {
+    o.order = 100 + o.configuration;
   }
   const std::optional<OrderFinding> stated = check_order(m.model, m.data, fit, m.free);
   ASSERT_TRUE(stated);

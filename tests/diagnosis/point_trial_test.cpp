@@ -41,7 +41,7 @@ struct Poses {
       measured.configurations.push_back(std::to_string(c + 1));
       for (int k = 0; k < target_count; ++k) {
         measured.observations.push_back(
-            {.position = X_WB * (pose * targets[static_cast<std::size_t>(k)]) + noise * drawn(random),
+            {.reading = Point{X_WB * (pose * targets[static_cast<std::size_t>(k)]) + noise * drawn(random)},
              .configuration = c,
              .target = k});
       }
@@ -57,7 +57,7 @@ TEST(PointTrial, ScalesOfCoordinatesAreFoundExactlyWithoutNoiseAndNearlyWithIt) 
       for (const double noise : {0.0, 0.01}) {
         Poses poses(12, targets, noise, 3);
         for (Observation& o : poses.measured.observations) {
-          o.position = o.position.cwiseProduct(factors);
+          o.position() = o.position().cwiseProduct(factors);
         }
         poses.measured.targets.emplace_back("not measured");
         const std::optional<Vector3d> found = coordinate_scales(poses.X_BF, poses.measured);
@@ -71,7 +71,7 @@ TEST(PointTrial, ScalesOfCoordinatesAreFoundExactlyWithoutNoiseAndNearlyWithIt) 
 TEST(PointTrial, ThereAreNoScalesWhereACoordinateNeverChanges) {
   Poses poses(12, 2, 0.0, 4);
   for (Observation& o : poses.measured.observations) {
-    o.position.y() = 0.5;
+    o.position().y() = 0.5;
   }
   EXPECT_FALSE(coordinate_scales(poses.X_BF, poses.measured));
   poses.measured.observations.clear();
@@ -82,7 +82,7 @@ TEST(PointTrial, RelativeMotionIsOneAtTheFlangeAndGrowsWithTheScale) {
   Poses poses(9, 1, 0.0, 5);
   for (const double factor : {1.0, 0.3, 1000.0}) {
     for (Observation& o : poses.measured.observations) {
-      o.position = factor * (poses.X_WB * poses.X_BF[static_cast<std::size_t>(o.configuration)]).translation();
+      o.position() = factor * (poses.X_WB * poses.X_BF[static_cast<std::size_t>(o.configuration)]).translation();
     }
     EXPECT_NEAR(motion(poses.X_BF, poses.measured).share() / factor, 1.0, 1e-12);
   }
@@ -135,8 +135,12 @@ TEST(PointTrial, ExchangedTargetsAreSoInNineOfTenConfigurations) {
 
 TEST(PointTrial, ExchangedTargetsAreSeenFromTheFramesThatAreKnown) {
   Poses poses(20, 3, 1e-4, 10);
-  poses.measured.order.resize(poses.measured.observations.size());
-  poses.measured.orientations.assign(poses.measured.observations.size(), point_alone());
+  for (Observation& o : poses.measured.observations) {
+    o.order = 0;
+    if (o.target == 2) {
+      testing::set_orientation(o, Orientation::Identity());
+    }
+  }
   exchange(poses.measured, 0, 1, [](int c) { return c >= 9; });
   EXPECT_TRUE(exchanged_targets(poses.X_BF, poses.measured, {}));
   const Eigen::Isometry3d elsewhere = poses.X_WB * Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitX());

@@ -149,7 +149,7 @@ TEST(Descent, DoesNotDependOnWhereTheTrackerStands) {
   const Eigen::Isometry3d X = Eigen::Translation3d(-2.0, 5.0, 1.0) * Eigen::AngleAxisd(2.0, Vector3d(1, 2, 2) / 3.0);
   Measurements moved = task.measured;
   for (Observation& o : moved.observations) {
-    o.position = X * o.position;
+    o.position() = X * o.position();
   }
   const LeastSquaresProblem elsewhere(task.experiment.model, moved, task.experiment.free);
   const Identification here = descend(task.problem, task.start, {});

@@ -285,7 +285,7 @@ struct Spoilt {
     for (std::size_t row = 0; row < measured.observations.size(); ++row) {
       Observation& o = measured.observations[row];
       o.sigma = row % 2 == 0 ? 0.0 : 4e-5;
-      o.position.y() += row % 7 == 3 ? 8e-5 * static_cast<double>(row) : 0.0;
+      o.position().y() += row % 7 == 3 ? 8e-5 * static_cast<double>(row) : 0.0;
     }
     noise.independent = Eigen::Vector3d(5e-5, 7e-5, 4e-5);
     noise.common = Eigen::Vector3d(2e-5, 0.0, 3e-5);
@@ -302,7 +302,7 @@ struct Spoilt {
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm.model, estimate, measured);
     std::vector<double> all;
     for (const Observation& o : measured.observations) {
-      const Eigen::Vector3d e = o.position - predicted_point(estimate, X_BF, o);
+      const Eigen::Vector3d e = o.position() - predicted_point(estimate, X_BF, o);
       const Eigen::Vector3d own = o.sigma > 0.0 ? Eigen::Vector3d::Constant(o.sigma) : noise.independent;
       const Eigen::Vector3d variance = own.cwiseAbs2() + noise.common.cwiseAbs2();
       all.push_back(std::sqrt(e.cwiseAbs2().cwiseQuotient(variance).sum()));
@@ -371,12 +371,12 @@ TEST(RobustIdentification, FollowsItsLastWeightsToTheEnd) {
   // All others have full weight, and these so little that the weights settle before the fit does.
   Measurements measured = testing::without_sigmas(arm.measure(20));
   for (Observation& o : measured.observations) {
-    for (double& coordinate : o.position) {
+    for (double& coordinate : o.position()) {
       coordinate += arm.random.uniform(-5e-5, 5e-5);
     }
   }
   for (const auto& [row, off] : {std::pair<std::size_t, double>{17, 1e3}, {30, 3e3}, {45, 1e4}}) {
-    measured.observations[row].position.y() += off;
+    measured.observations[row].position().y() += off;
   }
   FitProblem problem{.model = arm.model,
                      .measurements = measured,

@@ -35,6 +35,15 @@ Estimate rigid_truth() {
 
 using Spoil = std::function<void(Measurements&)>;
 
+Reading along(const Eigen::Vector3d& normal, std::int8_t count) {
+  return Coordinates{.position = Eigen::Vector3d::Zero(), .normal = normal, .count = count};
+}
+Reading distance_of(double length) { return Distance{.length = length, .anchor = Eigen::Vector3d::Zero()}; }
+Reading pose_of(const Orientation& orientation) { return Pose{Eigen::Vector3d::Zero(), orientation}; }
+Spoil has(const Reading& reading) {
+  return [reading](Measurements& m) { m.observations[3].reading = reading; };
+}
+
 /// Measurements that no reader makes, and the rule that the message names.
 std::vector<std::pair<Spoil, std::string>> spoilt() {
   return {
@@ -42,15 +51,24 @@ std::vector<std::pair<Spoil, std::string>> spoilt() {
       {[](Measurements& m) { m.observations[3].configuration = -1; }, "configuration -1 is not there"},
       {[](Measurements& m) { m.observations[3].target = 3; }, "target 3 is not there"},
       {[](Measurements& m) { m.observations[3].target = -1; }, "target -1 is not there"},
-      {[](Measurements& m) { m.observations[3].position.y() = kNaN; }, "coordinate is not finite"},
+      {[](Measurements& m) { m.observations[3].position().y() = kNaN; }, "coordinate is not finite"},
       {[](Measurements& m) { m.observations[3].sigma = -1.0; }, "sigma is negative"},
       {[](Measurements& m) { m.observations[3].sigma = kNaN; }, "sigma is negative or not finite"},
       {[](Measurements& m) { m.joint_values(2, 4) = kNaN; }, "joint value is not finite"},
       {[](Measurements& m) { m.joint_values.conservativeResize(6, 29); }, "30 configurations, expected 29"},
-      {[](Measurements& m) { m.order.assign(3, 1); }, "3 places in the order"},
-      {[](Measurements& m) { m.orientations.resize(3, point_alone()); }, "3 orientations"},
-      {[](Measurements& m) { m.orientations.assign(m.observations.size(), Eigen::Quaterniond(2.0, 0.0, 0.0, 0.0)); },
-       "no unit quaternion"},
+      {[](Measurements& m) { m.observations[3].order = 1; },
+       "observation 3: some rows have a place in the order and others have none"},
+      {[](Measurements& m) { testing::set_orientations(m, Orientation(2.0, 0.0, 0.0, 0.0)); }, "no unit quaternion"},
+      {has(pose_of(Orientation(kNaN, kNaN, kNaN, kNaN))), "observation 3: the orientation is no unit quaternion"},
+      {has(along({0.6, 0.0, 0.9}, 1)),
+       "observation 3: its directions are none, expected 1 or 2 coordinates and a unit vector"},
+      {has(along({kNaN, 0.0, 1.0}, 1)), "its directions are none"},
+      {has(along({0.6, 0.0, 0.8}, 0)), "its directions are none"},
+      {has(along({0.6, 0.0, 0.8}, 3)), "its directions are none"},
+      {has(distance_of(0.0)), "observation 3: a distance of 0, expected one above 0"},
+      {has(distance_of(-1.0)), "a distance of -1"},
+      {has(distance_of(kNaN)), "a distance of nan"},
+      {has(distance_of(1.0)), "rows of several anchors"},
       {[](Measurements& m) { m.joint_units.resize(2); }, "2 units of joints"}};
 }
 

@@ -91,7 +91,7 @@ protected:
     for (Observation& o : all.observations) {
       o.sigma = GetParam().own_sigmas && o.configuration % 3 == 0 ? kSigma * (1 + o.target + o.repeat) : 0.0;
       o.split = o.configuration % 7 == 3 ? Split::test : Split::train;
-      o.position += kSigma * Vector3d{random.normal(), random.normal(), random.normal()};
+      o.position() += kSigma * Vector3d{random.normal(), random.normal(), random.normal()};
     }
     return subset(all, [](const Observation& o) {
       return !(o.repeat == 2 && o.configuration % 5 == 1) && !(o.configuration == 4 && o.target == 1);

@@ -15,7 +15,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Observation at(const Vector3d& position, double sigma = 0.0) { return {.position = position, .sigma = sigma}; }
+Observation at(const Vector3d& position, double sigma = 0.0) { return {.reading = Point{position}, .sigma = sigma}; }
 
 const TrackerNoise kTracker{.range = 1e-5, .range_per_metre = 3e-6, .transverse = 4e-5, .transverse_per_metre = 7e-6};
 
@@ -99,11 +99,11 @@ TEST(NoiseModel, ATrackersOwnNoiseIsWhitenedAlongAndAcrossTheLineOfSight) {
     Random& random = experiment.random;
     Measurements measured = experiment.measure(30);
     for (Observation& o : measured.observations) {
-      const double distance = o.position.norm();
-      const Eigen::Vector3d line = o.position / distance;
+      const double distance = o.position().norm();
+      const Eigen::Vector3d line = o.position() / distance;
       const Eigen::Vector3d n{random.normal(), random.normal(), random.normal()};
       const double across = tracker.transverse + tracker.transverse_per_metre * distance;
-      o.position += tracker.range * line.dot(n) * line + across * (n - line.dot(n) * line);
+      o.position() += tracker.range * line.dot(n) * line + across * (n - line.dot(n) * line);
     }
     JointOptions whitened;
     whitened.residuals.noise.tracker = tracker;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 #include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
@@ -26,5 +27,30 @@ TEST(Prediction, JacobianIsTheCentralDifference) {
     EXPECT_LT((jacobian.col(c) - expected.col(c)).norm(), 1e-8) << c;
   }
 }
+
+// The target is measured off by a step in W and turned by a vector in its own frame.
+TEST(Prediction, ResidualsOfPosesAloneHaveARotation) {
+  Eigen::Isometry3d X_WT(Eigen::Translation3d(0.4, -0.8, 1.3));
+  X_WT.linear() = rotation_exp({0.3, -1.1, 0.7});
+  const Eigen::Vector3d step(1e-3, -2e-3, 3e-3);
+  const Eigen::Vector3d turn(0.02, -0.03, 0.01);
+  const Eigen::Vector3d position = X_WT.translation() + step;
+  const Eigen::Quaterniond turned(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)));
+  const Residual of_pose = residual(Pose{position, turned}, X_WT);
+  EXPECT_LT((of_pose.position - step).norm(), 1e-15);
+  EXPECT_EQ(of_pose.directions, Eigen::Matrix3d::Identity());
+  ASSERT_TRUE(of_pose.rotation);
+  EXPECT_LT((*of_pose.rotation - turn).norm(), 1e-14);
+  const Residual opposite = residual(Pose{position, Orientation(-turned.coeffs())}, X_WT);
+  ASSERT_TRUE(opposite.rotation);
+  EXPECT_LT((*opposite.rotation - turn).norm(), 1e-14);
+  for (const Observation& row : testing::one_of_each().observations) {
+    const Residual found = residual(row.reading, X_WT);
+    EXPECT_EQ(found.position, measured_minus_predicted(row.reading, X_WT.translation())) << row.reading.index();
+    EXPECT_EQ(found.directions, directions(row.reading, X_WT.translation())) << row.reading.index();
+    EXPECT_EQ(found.rotation.has_value(), has_orientation(row)) << row.reading.index();
+  }
+}
+
 }  // namespace
 }  // namespace kdl_calibration::prediction_test

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 #include "model/reduction.hpp"
 #include "planning/simulation.hpp"
@@ -135,9 +136,11 @@ struct LooseTool {
       for (int k = 0; k < 3; ++k) {
         const Eigen::Isometry3d X_WT = X_WB * pose * targets[static_cast<std::size_t>(k)].X_FT;
         measured.observations.push_back(
-            {.position = X_WT.translation() + vector(1e-3), .configuration = c, .target = k});
-        measured.orientations.push_back(k == 0 ? Eigen::Quaterniond(X_WT.linear() * rotation_exp(vector(1e-2)))
-                                               : point_alone());
+            {.reading = Point{X_WT.translation() + vector(1e-3)}, .configuration = c, .target = k});
+        if (k == 0) {
+          testing::set_orientation(measured.observations.back(),
+                                   Eigen::Quaterniond(X_WT.linear() * rotation_exp(vector(1e-2))));
+        }
       }
     }
   }
@@ -148,13 +151,12 @@ struct LooseTool {
     const auto weight = [](const Observation& o) { return o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0; };
     double sum = 0.0;
     std::vector<std::pair<double, Eigen::Matrix3d>> turned;  // weight, and A as the flange and the base state it
-    for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-      const Observation& o = measured.observations[row];
+    for (const Observation& o : measured.observations) {
       const Eigen::Isometry3d X_WF = base * X_BF[static_cast<std::size_t>(o.configuration)];
       const Eigen::Vector3d& in_flange = targets[static_cast<std::size_t>(o.target)].X_FT.translation();
-      sum += weight(o) * (o.position - X_WF * in_flange).squaredNorm();
+      sum += weight(o) * (o.position() - X_WF * in_flange).squaredNorm();
       if (length > 0.0 && o.target == 0) {
-        turned.emplace_back(weight(o), X_WF.linear().transpose() * measured.orientations[row].toRotationMatrix());
+        turned.emplace_back(weight(o), X_WF.linear().transpose() * o.orientation()->toRotationMatrix());
       }
     }
     Eigen::Matrix3d mean = Eigen::Matrix3d::Zero();
@@ -223,7 +225,7 @@ TEST(Registration, KeepsTargetsNearTheFlangeWhereTheToolHardlyTurns) {
   // Loose where nine times the misfit, 1e-6 m^2, exceeds the information about the place of the base, times (0.1 m)^2.
   for (const double spread : {0.2, 0.05, 0.02, 0.002}) {
     LooseTool arm(spread, 22);
-    arm.measured.orientations.clear();
+    arm.measured = without_orientations(std::move(arm.measured));
     const Registration found = register_base_and_targets(arm.X_BF, arm.measured);
     const double misfit = found.rms * found.rms / 3.0;
     EXPECT_NEAR(misfit, 1e-6, 0.5e-6) << spread;
@@ -292,7 +294,7 @@ TEST(Registration, CountsTheDirectionsThatAreOpen) {
     for (std::size_t i = 0; i < scene.X_BF.size(); ++i) {
       const Eigen::Vector3d off = error * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
       scene.X_BF[i].translation() = -(scene.X_BF[i].linear() * scene.robot.truth.targets[0].X_FT.translation()) + off;
-      scene.measured.observations[i].position = Eigen::Vector3d(1.0, 2.0, 3.0) - 0.1 * off;
+      scene.measured.observations[i].position() = Eigen::Vector3d(1.0, 2.0, 3.0) - 0.1 * off;
     }
     const Registration found = scene.registered();
     EXPECT_EQ(found.open, 3) << error;
@@ -308,7 +310,7 @@ TEST(Registration, IgnoresHeldOutRows) {
   for (Observation& observation : scene.measured.observations) {
     if (observation.configuration == 3) {
       observation.split = Split::test;
-      observation.position.x() += 1.0;
+      observation.position().x() += 1.0;
     }
   }
   EXPECT_LT(scene.base_off(scene.registered()), 1e-9);
@@ -318,7 +320,7 @@ TEST(Registration, IgnoresHeldOutRows) {
 Scene unrelated(const ErrorModel& model, Random& random) {
   Scene scene(exact_robot(model, 1, random), 30, random);
   for (Observation& observation : scene.measured.observations) {
-    observation.position = Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
+    observation.position() = Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
   }
   return scene;
 }
@@ -333,7 +335,7 @@ public:
     for (Eigen::Index i = 0; i < count; ++i) {
       const Observation& observation = data.measured.observations[static_cast<std::size_t>(i)];
       const Eigen::Isometry3d& X = data.X_BF[static_cast<std::size_t>(observation.configuration)];
-      const Eigen::Vector3d& z = observation.position;
+      const Eigen::Vector3d& z = observation.position();
       const Eigen::Matrix3d I = Eigen::Matrix3d::Identity();
       J.middleRows<3>(3 * i) << I, X.linear(), -X.translation(), z.x() * I, z.y() * I, z.z() * I;
     }
@@ -403,7 +405,7 @@ double left_with_any_matrix(const std::vector<Eigen::Isometry3d>& X_BF, const Me
     const Observation& observation = measured.observations[static_cast<std::size_t>(i)];
     const Eigen::Isometry3d& X = X_BF[static_cast<std::size_t>(observation.configuration)];
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
-      J.block<1, 3>(3 * i + axis, 3 * axis) = observation.position.transpose();
+      J.block<1, 3>(3 * i + axis, 3 * axis) = observation.position().transpose();
     }
     J.block<3, 3>(3 * i, 9) = Eigen::Matrix3d::Identity();
     J.block<3, 3>(3 * i, 12 + 3 * observation.target) = X.linear();
@@ -429,7 +431,7 @@ TEST(Registration, LeavesNoLessThanTheBoundOfAnyMatrix) {
     }
     with_others.observations.push_back(measured.observations.front());
     with_others.observations.back().split = Split::test;
-    with_others.observations.back().position.x() += 10.0;
+    with_others.observations.back().position().x() += 10.0;
     EXPECT_NEAR(least_misfit(X_BF, with_others), least, 1e-9) << trial;
   }
 }

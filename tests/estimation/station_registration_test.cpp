@@ -144,7 +144,7 @@ TEST(StationLeastSquares, RowsAreTheDerivativesOfEachStationsPoints) {
       const Eigen::Matrix3d R_WF =
           estimate.base(station_of(o)).linear() *
           flange_poses(experiment.model, estimate, measurements)[static_cast<std::size_t>(o.configuration)].linear();
-      all.segment<3>(row) = R_WF.transpose() * (o.position - predicted_point(at, X_BF, o)) / o.sigma;
+      all.segment<3>(row) = R_WF.transpose() * (o.position() - predicted_point(at, X_BF, o)) / o.sigma;
       row += 3;
     }
     return all;
@@ -183,9 +183,8 @@ Measurements along(const Measurements& points, const Eigen::Matrix3Xd& R) {
   result.observations.clear();
   for (const Observation& observation : points.observations) {
     for (const auto& n : R.colwise()) {
-      result.coordinates.push_back({.directions = n * n.transpose()});
       result.observations.push_back(observation);
-      result.observations.back().position = result.coordinates.back().directions * observation.position;
+      testing::keep_coordinate_along(result.observations.back(), n);
     }
   }
   return result;
@@ -238,9 +237,9 @@ TEST(SingleCoordinateLeastSquares, CostAndRowsAreThoseOfTheCoordinates) {
   const Estimate estimate = nearby(experiment);
   const LeastSquaresProblem problem(experiment.model, rows, unknowns(experiment));
   double cost = 0.0;
-  for (std::size_t row = 0; row < rows.observations.size(); ++row) {
+  for (const Observation& row : rows.observations) {
     const auto X_BF = flange_poses(experiment.model, estimate, rows);
-    cost += measured_minus_predicted(rows, row, estimate, X_BF).squaredNorm() / 1e-6;
+    cost += measured_minus_predicted(row, estimate, X_BF).squaredNorm() / 1e-6;
   }
   EXPECT_NEAR(problem.cost(estimate), cost, 1e-9 * cost);
   EXPECT_EQ(problem.equations(), 12 * 3 * 2 * 2);
@@ -256,8 +255,7 @@ TEST(DistanceLeastSquares, CostAndGradientAreThoseOfTheDistances) {
   MovedTracker experiment(6, 12);
   Measurements rows = measure(experiment.robot, experiment.q, {.sigma = 1e-3, .repeats = 2}, experiment.random);
   for (Observation& observation : rows.observations) {
-    rows.coordinates.push_back({.distance = observation.position.norm()});
-    observation.position.setZero();
+    testing::keep_distance(observation, Eigen::Vector3d::Zero());
   }
   const Estimate estimate = nearby(experiment);
   const Unknowns free = unknowns(experiment);
@@ -265,9 +263,8 @@ TEST(DistanceLeastSquares, CostAndGradientAreThoseOfTheDistances) {
   const auto cost = [&](const Estimate& at) {
     const auto X_BF = flange_poses(experiment.model, at, rows);
     double sum = 0.0;
-    for (std::size_t row = 0; row < rows.observations.size(); ++row) {
-      const double difference =
-          rows.coordinates[row].distance - predicted_point(at, X_BF, rows.observations[row]).norm();
+    for (const Observation& row : rows.observations) {
+      const double difference = testing::length_of(row) - predicted_point(at, X_BF, row).norm();
       sum += difference * difference / 1e-6;
     }
     return sum;

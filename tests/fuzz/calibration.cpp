@@ -87,8 +87,8 @@ Measurements measured(const Robot& robot) {
     for (int k = 0; k < 4; ++k) {
       const double tool = k % 2 == 0 ? 0.1 : -0.2;
       const double yaw = m.joint_values(0, c);
-      Observation o{.position = Eigen::Vector3d(2.0 + std::cos(yaw) * (0.5 + tool), std::sin(yaw) + 1e-4 * k,
-                                                1.0 + std::sin(m.joint_values(1, c)) * (0.4 - tool)),
+      Observation o{.reading = Point{{2.0 + std::cos(yaw) * (0.5 + tool), std::sin(yaw) + 1e-4 * k,
+                                      1.0 + std::sin(m.joint_values(1, c)) * (0.4 - tool)}},
                     .configuration = c,
                     .target = k % 2,
                     .repeat = 1 + k / 2};
@@ -136,7 +136,7 @@ void change(Reader& reader, Measurements& m) {
       m.joint_values(static_cast<Eigen::Index>(row % 2), static_cast<Eigen::Index>(row % 8)) = reader.number();
       break;
     case 1:
-      o.position[static_cast<Eigen::Index>(row % 3)] = reader.number();
+      o.position()[static_cast<Eigen::Index>(row % 3)] = reader.number();
       break;
     case 2:
       o.sigma = std::abs(reader.number());
@@ -147,7 +147,7 @@ void change(Reader& reader, Measurements& m) {
     default:  // everything that much larger or smaller
       const double factor = reader.number();
       for (Observation& every : m.observations) {
-        every.position = (factor * every.position).cwiseMax(-1e12).cwiseMin(1e12);
+        every.position() = (factor * every.position()).cwiseMax(-1e12).cwiseMin(1e12);
       }
   }
 }

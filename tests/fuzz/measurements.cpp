@@ -2,6 +2,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 
 #include <cstring>
+#include <variant>
 
 #include "promise.hpp"
 #include "targets.hpp"
@@ -16,13 +17,28 @@ bool same_bytes(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
   return a.rows() == b.rows() && a.cols() == b.cols() && (bytes == 0 || std::memcmp(a.data(), b.data(), bytes) == 0);
 }
 
+// Whether the orientations, normals or distances of two readings of one kind are the same.
+bool same_kind(const Reading& a, const Reading& b) {
+  constexpr double kRounding = 1e-12;
+  if (const auto* const pose = std::get_if<Pose>(&a)) {
+    return same_bytes(pose->orientation.coeffs(), std::get<Pose>(b).orientation.coeffs());
+  }
+  if (const auto* const some = std::get_if<Coordinates>(&a)) {
+    const auto& other = std::get<Coordinates>(b);
+    return some->count == other.count && (some->normal - other.normal).norm() <= kRounding;
+  }
+  const auto* const distance = std::get_if<Distance>(&a);
+  return distance == nullptr || distance->length == std::get<Distance>(b).length;
+}
+
 // `exactly`: also the last bits of the position, which a direction n does not keep.
 bool same(const Observation& a, const Observation& b, bool exactly) {
   constexpr double kRounding = 1e-12;
   return a.configuration == b.configuration && a.target == b.target && a.repeat == b.repeat && a.split == b.split &&
-         a.sigma == b.sigma && a.station == b.station &&
-         (exactly ? same_bytes(a.position, b.position)
-                  : (a.position - b.position).norm() <= kRounding * a.position.norm());
+         a.sigma == b.sigma && a.station == b.station && a.order == b.order && a.reading.index() == b.reading.index() &&
+         same_kind(a.reading, b.reading) &&
+         (exactly ? same_bytes(a.position(), b.position())
+                  : (a.position() - b.position()).norm() <= kRounding * a.position().norm());
 }
 
 void check_read(const Measurements& m) {
@@ -30,17 +46,17 @@ void check_read(const Measurements& m) {
   promise(m.joint_values.allFinite(), "finite joint values");
   promise(m.joint_values.cols() == static_cast<Eigen::Index>(m.configurations.size()), "one column a configuration");
   for (const Observation& o : m.observations) {
-    promise(o.position.allFinite() && o.sigma >= 0.0, "finite coordinates");
+    promise(o.position().allFinite() && o.sigma >= 0.0, "finite coordinates");
   }
   const Measurements again = parse_measurements(measurements_csv(m), kJoints);
   promise(again.configurations == m.configurations && again.targets == m.targets, "labels read back");
   promise(same_bytes(again.joint_values, m.joint_values), "joint values read back");
   promise(again.observations.size() == m.observations.size(), "rows read back");
   for (std::size_t row = 0; row < m.observations.size(); ++row) {
-    const bool exactly = m.coordinates.empty() || m.coordinates[row].directions.isDiagonal(0.0);
+    const auto* const some = std::get_if<Coordinates>(&m.observations[row].reading);
+    const bool exactly = some == nullptr || (some->normal.array() != 0.0).count() == 1;
     promise(same(m.observations[row], again.observations[row], exactly), "rows read back");
   }
-  promise(again.orientations.size() == m.orientations.size(), "orientations read back");
   const Measurements mean = averaged(m);
   promise(mean.observations.size() <= m.observations.size(), "no more means than rows");
 }

@@ -182,7 +182,7 @@ double held_out(const Calibration& calibration, const Measurements& test) {
   for (const Observation& row : test.observations) {
     const std::string& target = test.targets[static_cast<std::size_t>(row.target)];
     sum += (arm.predict(test.joint_values.col(row.configuration), target, PredictionFrame::measuring).position -
-            row.position)
+            row.position())
                .squaredNorm();
   }
   return std::sqrt(sum / static_cast<double>(test.observations.size()));

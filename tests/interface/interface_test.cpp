@@ -12,11 +12,13 @@
 #include <iterator>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "calibration/calibration_settings.hpp"
+#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/kdl_calibration.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
@@ -279,10 +281,10 @@ TEST_F(InterfaceFiles, UndeterminedDirectionsAreReadBack) {
       .priors = {.automatic = false}, .effects = {.automatic = false}, .diagnosis = {.try_readings = false}};
   // The true arm at these configurations.
   for (Observation& row : still.observations) {
-    row.position = whole.truth
-                       .predict(still.joint_values.col(row.configuration),
-                                still.targets[static_cast<std::size_t>(row.target)], PredictionFrame::measuring)
-                       .position;
+    row.position() = whole.truth
+                         .predict(still.joint_values.col(row.configuration),
+                                  still.targets[static_cast<std::size_t>(row.target)], PredictionFrame::measuring)
+                         .position;
   }
   const Calibration open = calibrate(fanuc(), still, geometry);
   write_result(file("open.json"), fanuc(), still, open);
@@ -326,9 +328,9 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   Measurements beyond = data;
   beyond.observations.front().configuration = 99;
   Measurements unknown = data;
-  unknown.observations.front().position.x() = std::numeric_limits<double>::quiet_NaN();
+  unknown.observations.front().position().x() = std::numeric_limits<double>::quiet_NaN();
   Measurements shifted = data;
-  shifted.observations.back().position.z() += 1e-3;
+  shifted.observations.back().position().z() += 1e-3;
   Eigen::VectorXd nan = somewhere();
   nan[2] = std::numeric_limits<double>::quiet_NaN();
   Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
@@ -443,6 +445,55 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   }
   EXPECT_STREQ(to_string(static_cast<Cause>(99)), "unknown");
   EXPECT_FALSE(fs::exists(file("x")));
+}
+
+// Whatever a fit reads: a result refuses other measurements by this hash.
+TEST(Interface, MeasurementsThatDifferInAnythingHaveOtherHashes) {
+  Measurements all = testing::one_of_each();
+  all.signals = {.approach = Eigen::RowVector3d(1.0, -1.0, 1.0), .torques = Eigen::RowVector3d(5.0, 6.0, 7.0)};
+  const std::vector<std::function<void(Measurements&)>> changes = {
+      [](Measurements&) {},
+      [](Measurements& m) { m.observations[0].position().y() += 1e-12; },
+      [](Measurements& m) { m.observations[1].position().y() += 1e-12; },
+      [](Measurements& m) { m.observations[2].position().y() += 1e-12; },
+      [](Measurements& m) { m.observations[4].position().y() += 1e-12; },
+      [](Measurements& m) { std::get<Pose>(m.observations[0].reading).orientation.x() += 1e-12; },
+      [](Measurements& m) { testing::remove_orientation(m.observations[0]); },
+      [](Measurements& m) { testing::set_orientation(m.observations[1], Orientation::Identity()); },
+      [](Measurements& m) { std::get<Coordinates>(m.observations[2].reading).normal.x() += 1e-12; },
+      [](Measurements& m) { std::get<Coordinates>(m.observations[2].reading).count = 2; },
+      [](Measurements& m) { std::get<Distance>(m.observations[4].reading).length += 1e-12; },
+      [](Measurements& m) { m.observations[3].sigma = 0.0; },
+      [](Measurements& m) { m.observations[3].order = 6; },
+      [](Measurements& m) { m.observations[3].order.reset(); },
+      [](Measurements& m) { m.observations[3].order = 0; },
+      [](Measurements& m) { m.observations[3].configuration = 0; },
+      [](Measurements& m) { m.observations[3].target = 3; },
+      [](Measurements& m) { m.observations[3].repeat = 1; },
+      [](Measurements& m) { m.observations[3].split = Split::test; },
+      [](Measurements& m) { m.observations[3].station = 1; },
+      [](Measurements& m) { m.observations.pop_back(); },
+      [](Measurements& m) { std::swap(m.observations[0], m.observations[1]); },
+      [](Measurements& m) { m.joint_values(0, 1) += 1e-12; },
+      [](Measurements& m) { m.signals.approach(0, 1) = 1.0; },
+      [](Measurements& m) { m.signals.torques(0, 1) += 1e-12; },
+      [](Measurements& m) { m.signals.torques.resize(0, 0); },
+      [](Measurements& m) { std::swap(m.signals.torques, m.signals.approach); },
+      [](Measurements& m) { m.joints[0] = "q2"; },
+      [](Measurements& m) { m.configurations[2] = "s"; },
+      [](Measurements& m) { m.targets[2] = "E"; },
+      [](Measurements& m) { m.targets[0] += std::exchange(m.targets[1], ""); },
+      [](Measurements& m) { m.stations[1] = "behind"; }};
+  std::set<std::string> hashes;
+  for (std::size_t i = 0; i < changes.size(); ++i) {
+    Measurements changed = all;
+    changes[i](changed);
+    EXPECT_TRUE(hashes.insert(hash_of(changed)).second) << "change " << i;
+  }
+  Measurements renamed = all;
+  renamed.source = "other.csv";
+  renamed.remark = "read otherwise";
+  EXPECT_EQ(hash_of(renamed), hash_of(all)) << "the same rows";
 }
 
 TEST(Interface, WhatWasMovedFromIsStillWhole) {

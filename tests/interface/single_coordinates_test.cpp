@@ -16,7 +16,7 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/validation.hpp"
-#include "measurements/directions.hpp"
+#include "measurements/readings.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
 
@@ -53,8 +53,7 @@ Measurements in_three_rows(const Measurements& points, Random& random) {
     }
     for (const auto& n : R.colwise()) {
       result.observations.push_back(observation);
-      result.coordinates.push_back({.directions = n * n.transpose()});
-      result.observations.back().position = result.coordinates.back().directions * observation.position;
+      testing::keep_coordinate_along(result.observations.back(), n);
     }
   }
   return result;
@@ -122,7 +121,6 @@ TEST(SingleCoordinates, HelpFewWholePoints) {
   for (std::size_t row = 0; row < mixed.observations.size(); ++row) {
     if (mixed.observations[row].configuration < 4) {
       mixed.observations[row] = whole.observations[row];
-      mixed.coordinates[row].directions.setIdentity();
     }
   }
   const Calibration found = calibrate(bundled_robot(), mixed, geometry_alone());
@@ -172,8 +170,7 @@ TEST(DistancesFromAnchors, UnderTheRobotAreNotTrusted) {
   Measurements measurements = testing::without_sigmas(experiment.measure(80, {.sigma = kNoise}));
   measurements.stations = {"A1"};
   for (Observation& observation : measurements.observations) {
-    measurements.coordinates.push_back({.distance = observation.position.norm()});
-    observation.position.setZero();
+    testing::keep_distance(observation, Vector3d::Zero());
   }
   const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_EQ(found.verdict(), Verdict::not_trusted);
@@ -183,8 +180,8 @@ TEST(DistancesFromAnchors, UnderTheRobotAreNotTrusted) {
 TEST(DistancesFromAnchors, TwoPerCentTooLongAreDoubted) {
   Distances experiment(4);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);
-  for (MeasuredCoordinates& measured : measurements.coordinates) {
-    measured.distance *= 1.02;
+  for (Observation& observation : measurements.observations) {
+    std::get<Distance>(observation.reading).length *= 1.02;
   }
   const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2e-4);
@@ -209,10 +206,7 @@ void expect_another_unit_of_all_lengths_is_named(const CalibrationOptions& optio
       const double factor = factors[i];
       Measurements measurements = ways[way];
       for (Observation& observation : measurements.observations) {
-        observation.position *= factor;
-      }
-      for (MeasuredCoordinates& measured : measurements.coordinates) {
-        measured.distance *= factor;
+        testing::scale_lengths(observation, factor);
       }
       const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements, options).doubts();
       ASSERT_FALSE(doubts.empty());
@@ -248,8 +242,7 @@ TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToDiffer) {
   experiment.robot = at_stations(experiment.robot, 3, experiment.random);
   Measurements measurements = experiment.measure(80, {.sigma = kNoise});
   for (Observation& observation : measurements.observations) {
-    measurements.coordinates.push_back({.distance = observation.position.norm() + 0.01});
-    observation.position.setZero();
+    testing::keep_distance(observation, Vector3d::Zero(), 0.01);
   }
   const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements).doubts();
   ASSERT_FALSE(doubts.empty());
@@ -282,7 +275,7 @@ TEST(DistancesFromAnchors, ABlunderIsNamed) {
   };
   for (const double off : {0.001, 0.01, 0.3}) {
     Measurements wrong = measurements;
-    wrong.coordinates[60].distance += off;
+    std::get<Distance>(wrong.observations[60].reading).length += off;
     expect_named(wrong, ":A");
   }
   Measurements wrong = measurements;
@@ -300,7 +293,7 @@ TEST(DistancesFromAnchors, ABlunderOfOneTargetIsNamed) {
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
   for (const double off : {0.001, 0.1}) {
     Measurements wrong = measurements;
-    wrong.coordinates[8].distance += off;
+    std::get<Distance>(wrong.observations[8].reading).length += off;
     EXPECT_THAT(calibrate(bundled_robot(), wrong).doubts(),
                 Contains(Field(&Doubt::message, HasSubstr("--exclude '" + wrong.configurations[8] + "'"))));
   }
@@ -342,11 +335,10 @@ TEST(SingleCoordinates, AutomaticChoicesAndLeftOutRowsWork) {
 TEST(SingleCoordinates, AnEmptyCellLeavesTheChecksOfWholePoints) {
   testing::VirtualExperiment experiment;
   Measurements measurements = along(experiment.measure(30, {.sigma = kNoise}), Matrix3d::Identity());
-  measurements.observations[16].position.z() = 0.0;
-  measurements.coordinates[16].directions = Vector3d(1.0, 1.0, 0.0).asDiagonal();
+  testing::lose_coordinate(measurements.observations[16], 2);
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
   Measurements mistyped = measurements;
-  mistyped.observations[34].position.y() += 0.004;
+  mistyped.observations[34].position().y() += 0.004;
   EXPECT_THAT(calibrate(bundled_robot(), mistyped).warnings(),
               Contains(HasSubstr("target B in configuration 12, repeat 1: y is off by about 4.0 mm")));
   Measurements moved = measurements;
@@ -356,7 +348,7 @@ TEST(SingleCoordinates, AnEmptyCellLeavesTheChecksOfWholePoints) {
   EXPECT_EQ(doubts.size(), calibrate(bundled_robot(), whole_points(moved)).doubts().size());
   // Of the configuration with the empty cell one target alone may not be what is wrong.
   Measurements swapped = measurements;
-  std::swap(swapped.observations[15].position, swapped.observations[17].position);
+  std::swap(swapped.observations[15].position(), swapped.observations[17].position());
   EXPECT_THAT(calibrate(bundled_robot(), swapped).doubts(),
               Contains(Field(&Doubt::message, HasSubstr("--exclude '" + swapped.configurations[5] + "'"))));
 }

@@ -81,12 +81,9 @@ TEST(PlacesOfAPlate, WithNoiseDetermineNoMore) {
 TEST(PlacesOfAPlate, WithAnEmptyCellDetermineNoMore) {
   Ball experiment(9);
   Measurements touches = experiment.touched(4, 60, 3e-5);
-  touches.coordinates.resize(touches.observations.size());
-  const auto row = static_cast<std::size_t>(std::find_if(touches.observations.begin(), touches.observations.end(),
-                                                         [](const Observation& o) { return o.position.x() > 0.1; }) -
-                                            touches.observations.begin());
-  touches.observations[row].position.x() = 0.0;
-  touches.coordinates[row].directions(0, 0) = 0.0;
+  testing::lose_coordinate(*std::find_if(touches.observations.begin(), touches.observations.end(),
+                                         [](const Observation& o) { return o.position().x() > 0.1; }),
+                           0);
   const Calibration found = calibrate(bundled_robot(), touches, geometry_alone());
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 6 + 5 * 4);
@@ -312,7 +309,7 @@ TEST(PlacesOfAPlate, WithSocketsAPerCentOffAreDoubted) {
   Measurements measurements = experiment.touched(4, 40, 3e-5);
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
   for (Observation& observation : measurements.observations) {
-    observation.position *= 1.01;
+    observation.position() *= 1.01;
   }
   const Calibration found = calibrate(bundled_robot(), measurements);
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 2e-4);

@@ -10,6 +10,7 @@
 #include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
+#include "measurements/readings.hpp"
 #include "planning/plate.hpp"
 #include "support.hpp"
 #include "virtual_experiment.hpp"
@@ -22,9 +23,8 @@ inline const Eigen::Matrix3d kHeight = Eigen::Vector3d::UnitZ().asDiagonal();
 // The coordinates along these directions only.
 inline Measurements along(Measurements measurements, const Eigen::Matrix3d& P) {
   for (Observation& observation : measurements.observations) {
-    observation.position = P * observation.position;
+    observation.reading = reading_along(P, P * observation.position());
   }
-  measurements.coordinates.assign(measurements.observations.size(), {.directions = P});
   if (measurements.stations.empty()) {
     measurements.stations = {"W"};
   }
@@ -77,8 +77,8 @@ struct Lengths : VirtualExperiment {
     for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
       Observation from = points.observations[first];
       Observation to = points.observations[first + 3];
-      to.position = {(to.position - from.position).norm(), 0.0, 0.0};
-      from.position.setZero();
+      to.position() = {(to.position() - from.position()).norm(), 0.0, 0.0};
+      from.position().setZero();
       from.station = to.station = static_cast<std::int16_t>(result.stations.size());
       result.stations.push_back("L" + std::to_string(result.stations.size() + 1));
       result.observations.push_back(from);
@@ -127,9 +127,11 @@ struct Distances : VirtualExperiment {
     for (Observation& observation : result.observations) {
       const int anchor = observation.configuration % anchors;
       const Eigen::Vector3d& place = places[static_cast<std::size_t>(anchor)];
-      result.coordinates.push_back({.distance = (observation.position - place).norm() + noise * random.normal()});
+      keep_distance(observation, place, noise * random.normal());
       observation.station = static_cast<std::int16_t>(known ? 0 : anchor);
-      observation.position = known ? place : Eigen::Vector3d::Zero();
+      if (!known) {
+        observation.position().setZero();
+      }
     }
     return result;
   }

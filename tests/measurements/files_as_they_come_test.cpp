@@ -13,6 +13,7 @@
 #include "kdl_calibration/robot.hpp"
 #include "refusal.hpp"
 #include "same_measurements.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::files_as_they_come_test {
 namespace {
@@ -289,8 +290,12 @@ TEST(FilesAsTheyCome, AreRefusedWithTheCureWhereTheyMayMeanTwoThings) {
 
 TEST(FilesAsTheyCome, KeepAnglesOfATurnAndStatedRadiansBeyondIt) {
   const std::string header = "configuration,target,joint_1,joint_2,x,y,z,roll,pitch";
-  EXPECT_NEAR(read(Arm::two_joints, header + ",yaw\nc,A,1,2,3,4,5,0,0,-6.2832\n").orientations[0].z(), 0.0, 1e-5);
-  EXPECT_NEAR(std::abs(read(Arm::two_joints, header + ",yaw[rad]\nc,A,1,2,3,4,5,0,0,7\n").orientations[0].z()),
+  EXPECT_NEAR(
+      testing::orientation_of(read(Arm::two_joints, header + ",yaw\nc,A,1,2,3,4,5,0,0,-6.2832\n").observations[0]).z(),
+      0.0, 1e-5);
+  EXPECT_NEAR(std::abs(testing::orientation_of(
+                           read(Arm::two_joints, header + ",yaw[rad]\nc,A,1,2,3,4,5,0,0,7\n").observations[0])
+                           .z()),
               -std::sin(3.5), 1e-15);
 }
 

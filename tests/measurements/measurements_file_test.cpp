@@ -10,7 +10,9 @@
 #include "base/random.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "measurements/label_table.hpp"
+#include "measurements/readings.hpp"
 #include "refusal.hpp"
+#include "support.hpp"
 #include "urdf_text.hpp"
 
 namespace kdl_calibration::measurements_file_test {
@@ -223,7 +225,7 @@ TEST(Configurations, AreNumberedWhereTheyAreNotNamed) {
   for (std::size_t row = 0; row < 3; ++row) {
     EXPECT_EQ(m.observations[row].configuration, static_cast<std::int32_t>(row));
     EXPECT_EQ(m.observations[row].target, 0);
-    EXPECT_EQ(m.observations[row].position, Eigen::Vector3d::Zero());
+    EXPECT_EQ(m.observations[row].position(), Eigen::Vector3d::Zero());
   }
 }
 
@@ -232,8 +234,8 @@ TEST(Configurations, MayNameTheirTargetsAndLeaveTheirPointsOpen) {
       parse_configurations("configuration,target,a,b,x[mm],y,z\nc,A,1,2,5,,7\nc,B,1,2,,,\nd,B,3,4,,,\n", kTwo);
   EXPECT_THAT(m.configurations, ElementsAre("c", "d"));
   EXPECT_THAT(m.targets, ElementsAre("A", "B"));
-  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(0.005, 0.0, 7.0));
-  EXPECT_EQ(m.observations[2].position, Eigen::Vector3d::Zero());
+  EXPECT_EQ(m.observations[0].position(), Eigen::Vector3d(0.005, 0.0, 7.0));
+  EXPECT_EQ(m.observations[2].position(), Eigen::Vector3d::Zero());
   EXPECT_EQ(m.observations[2].target, 1);
   EXPECT_THAT(fault("configuration,target,a,b,x,y,z\nc,A,1,2,,,\n"), StartsWith("m.csv:2: x '' is empty"));
 }
@@ -269,7 +271,7 @@ TEST(MeasurementsRows, DecimalCommasAreSuspectedWhereCommasSeparateAndFieldsAreT
 TEST(MeasurementsRows, OrdersAreIntegers) {
   const std::string header = "configuration,target,a,b,x,y,z,order\nc,A,1,2,0,0,0,";
   const Measurements m = parse_measurements(header + "9223372036854775807\nd,A,1,2,0,0,0,-3\n", kTwo);
-  EXPECT_THAT(m.order, ElementsAre(std::numeric_limits<std::int64_t>::max(), -3));
+  EXPECT_THAT(testing::order_of(m), ElementsAre(std::numeric_limits<std::int64_t>::max(), -3));
   for (const std::string text : {"1.5", "one", "", "9223372036854775808", "1 1"}) {
     EXPECT_THAT(fault(header + text + "\n"), HasSubstr("order '" + text + "' is no place in an order: expected an int"))
         << text;
@@ -280,9 +282,8 @@ TEST(MeasurementsRows, QuaternionsStayToTheLastBitWhereTheirNormIsOneToRounding)
   const double epsilon = std::numeric_limits<double>::epsilon();
   const auto read = [](double w) {
     Measurements m{.joints = kTwo, .joint_values = Eigen::Vector2d::Zero(), .configurations = {"c"}, .targets = {"A"}};
-    m.observations = {{.position = Eigen::Vector3d::Zero()}};
-    m.orientations = {Eigen::Quaterniond(w, 0, 0, 0)};
-    return parse_measurements(measurements_csv(m), kTwo).orientations[0].w();
+    m.observations = {{.reading = Pose{Eigen::Vector3d::Zero(), Orientation(w, 0, 0, 0)}}};
+    return testing::orientation_of(parse_measurements(measurements_csv(m), kTwo).observations[0]).w();
   };
   EXPECT_EQ(read(1.0 + 5.0 * epsilon), 1.0 + 5.0 * epsilon);
   EXPECT_EQ(read(1.0 + 30.0 * epsilon), 1.0);
@@ -360,7 +361,7 @@ TEST(MeasurementsCsv, WritesOrderAndTorquesInTheUnitsOfTheirJoints) {
   Measurements without = read;
   without.joint_units.clear();
   without.signals.torques.row(1).setConstant(std::nan(""));
-  without.order.clear();
+  without = without_order(std::move(without));
   EXPECT_EQ(measurements_csv(without),
             "configuration,target,turn,\"b,c\",plain,x[m],y[m],z[m],tau_turn,tau_plain\n"
             "c1,A,0.1,2,5,1,2,3,0.5,1e-05\nc2,A,0.2,2,6,1,2,3,,\n");

@@ -17,9 +17,11 @@
 #include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 #include "refusal.hpp"
 #include "same_measurements.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::measurements_test {
 namespace {
@@ -30,6 +32,11 @@ using testing::expect_same;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
+using testing::order_of;
+using testing::orientation_of;
+using testing::remove_orientation;
+using testing::set_orientation;
+using testing::set_orientations;
 using ::testing::StartsWith;
 
 const std::vector<std::string> kJoints = {"joint_1", "joint_2"};
@@ -88,20 +95,20 @@ TEST(Measurements, ReadsOneRowPerMeasuredPoint) {
   ASSERT_EQ(m.joint_values.cols(), 2);
   EXPECT_EQ(m.joint_values, (Eigen::Matrix2d() << 0.5, 0.75, -1.25, 1e-3).finished());
   ASSERT_EQ(m.observations.size(), 3U);
-  EXPECT_EQ(m.observations[2].position, Eigen::Vector3d(4, 5, -6.25));
+  EXPECT_EQ(m.observations[2].position(), Eigen::Vector3d(4, 5, -6.25));
   EXPECT_EQ(m.observations[2].configuration, 1);
   EXPECT_EQ(m.observations[2].target, 1);
   EXPECT_EQ(m.observations[2].repeat, 1);
   EXPECT_EQ(m.observations[2].sigma, 0.0);
   EXPECT_EQ(m.observations[2].split, Split::train);
-  EXPECT_THAT(m.orientations, IsEmpty());
+  EXPECT_FALSE(has_orientations(m));
   EXPECT_THAT(m.joint_units, ElementsAre(JointUnit::radian, JointUnit::radian));
 }
 
 TEST(Measurements, ReadsColumnsInAnyOrder) {
   const Measurements m = parse("z,joint_2,target,y,split,x,joint_1,configuration\n3,20,A,2,test,1,10,c\n");
   EXPECT_EQ(m.joint_values, Eigen::Vector2d(10, 20));
-  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(m.observations[0].position(), Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(m.observations[0].split, Split::test);
   EXPECT_THAT(m.joint_units, IsEmpty());
 }
@@ -111,7 +118,7 @@ TEST(Measurements, ConvertsUnitsToRadiansAndMetres) {
       parse("configuration,target,joint_1 [deg], joint_2[ mm ] ,x[mm],y [m],z,sigma[mm]\nc,A,180,250,1500,2,3,0.03\n");
   EXPECT_NEAR(m.joint_values(0, 0), std::numbers::pi, 1e-15);
   EXPECT_EQ(m.joint_values(1, 0), 0.25);
-  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1.5, 2, 3));
+  EXPECT_EQ(m.observations[0].position(), Eigen::Vector3d(1.5, 2, 3));
   EXPECT_DOUBLE_EQ(m.observations[0].sigma, 0.00003);
   EXPECT_THAT(m.joint_units, ElementsAre(JointUnit::radian, JointUnit::metre));
 }
@@ -124,7 +131,7 @@ TEST(Measurements, SkipsCommentsAndEmptyLinesEvenBeforeTheHeader) {
 }
 
 TEST(Measurements, ReadsTheLastLineWithoutALineEnd) {
-  EXPECT_EQ(parse(kHeader + "c1,A,1,2,3,4,5.25").observations[0].position.z(), 5.25);
+  EXPECT_EQ(parse(kHeader + "c1,A,1,2,3,4,5.25").observations[0].position().z(), 5.25);
 }
 
 TEST(Measurements, TakesDefaultsForEmptyOptionalCells) {
@@ -140,23 +147,23 @@ TEST(Measurements, TakesDefaultsForEmptyOptionalCells) {
   EXPECT_EQ(m.observations[1].repeat, 7);
   EXPECT_EQ(m.observations[1].sigma, 0.001);
   EXPECT_EQ(m.observations[2].repeat, 0);
-  ASSERT_EQ(m.orientations.size(), 3U);
-  EXPECT_TRUE(m.orientations[0].coeffs().array().isNaN().all());
-  EXPECT_EQ(m.orientations[1].coeffs(), Eigen::Vector4d(1, 0, 0, 0));  // x, y, z, w
-  EXPECT_TRUE(m.orientations[2].coeffs().array().isNaN().all());
+  ASSERT_EQ(m.observations.size(), 3U);
+  EXPECT_TRUE(std::holds_alternative<Point>(m.observations[0].reading));
+  EXPECT_EQ(orientation_of(m.observations[1]).coeffs(), Eigen::Vector4d(1, 0, 0, 0));  // x, y, z, w
+  EXPECT_TRUE(std::holds_alternative<Point>(m.observations[2].reading));
 }
 
 TEST(Measurements, NormalisesQuaternionsKeepsTheirSignAndHasNoneWhereTheirColumnsAreEmpty) {
-  EXPECT_THAT(parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,,,,\n").orientations, IsEmpty());
+  EXPECT_FALSE(has_orientations(parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,,,,\n")));
   const Measurements m =
       parse(replaced(kHeader, "\n", ",qw,qx,qy,qz\n") + "c1,A,1,2,3,4,5,-0.5005,0.5005,0.5005,0.5005\n");
-  EXPECT_NEAR((m.orientations[0].coeffs() - Eigen::Vector4d(0.5, 0.5, 0.5, -0.5)).norm(), 0.0, 1e-15);
+  EXPECT_NEAR((orientation_of(m.observations[0]).coeffs() - Eigen::Vector4d(0.5, 0.5, 0.5, -0.5)).norm(), 0.0, 1e-15);
 }
 
 TEST(Measurements, ReadsEveryFormOfANumber) {
   const Measurements m = parse(kHeader + "c1,A,+1.5,-.5,1E3,2e-3,7.\n");
   EXPECT_EQ(m.joint_values, Eigen::Vector2d(1.5, -0.5));
-  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1000, 0.002, 7));
+  EXPECT_EQ(m.observations[0].position(), Eigen::Vector3d(1000, 0.002, 7));
 }
 
 TEST(Measurements, ReadsWhatASpreadsheetSaves) {
@@ -165,7 +172,7 @@ TEST(Measurements, ReadsWhatASpreadsheetSaves) {
   const Measurements m = parse(csv);
   EXPECT_THAT(m.configurations, ElementsAre("c 1"));
   EXPECT_THAT(m.targets, ElementsAre("A \"left\"; top", "B"));
-  EXPECT_EQ(m.observations[1].position, Eigen::Vector3d(4, 5, 6));
+  EXPECT_EQ(m.observations[1].position(), Eigen::Vector3d(4, 5, 6));
 }
 
 TEST(Measurements, KeepsGroupsTogetherInAnyOrderOfRows) {
@@ -560,16 +567,15 @@ TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
     m.configurations.push_back(c % 2 == 0 ? "# " + std::to_string(c) + "; " : " c" + std::to_string(c));
     for (int j = 0; j < 2; ++j) m.joint_values(j, c) = random.normal() * std::pow(10.0, random.uniform(-300, 11));
     for (std::int32_t t = 0; t < 3; ++t) {
-      Observation o;
-      o.position = Eigen::Vector3d{random.normal(), random.normal() * 1e-9, random.normal() * 1e6};
+      Observation o{.reading = Point{{random.normal(), random.normal() * 1e-9, random.normal() * 1e6}}};
       o.sigma = random.uniform() < 0.5 ? 0.0 : random.uniform(1e-6, 1e-3);
       o.configuration = c;
       o.target = t;
       o.repeat = 1 + static_cast<std::int32_t>(random.bits() % 5U);
       o.split = c % 3 == 0 ? Split::test : Split::train;
-      m.observations.push_back(o);
       const Eigen::Vector4d q{random.normal(), random.normal(), random.normal(), random.normal()};
-      m.orientations.emplace_back(t == 1 ? Eigen::Vector4d::Constant(std::nan("")) : Eigen::Vector4d(q / q.norm()));
+      if (t != 1) set_orientation(o, Orientation(Eigen::Vector4d(q / q.norm())));
+      m.observations.push_back(o);
     }
   }
   expect_same(parse(measurements_csv(m)), m);
@@ -578,7 +584,7 @@ TEST(MeasurementsCsv, ReadsBackToTheSameDoubles) {
 TEST(MeasurementsCsv, KeepsTheExtremesOfTheNumberRange) {
   Measurements m = parse(kHeader + "c1,A,0,0,0,0,0\n");
   m.joint_values << -0.0, std::numeric_limits<double>::denorm_min();
-  m.observations[0].position << -1e12, std::numeric_limits<double>::min(), std::nextafter(1.0, 2.0);
+  m.observations[0].position() << -1e12, std::numeric_limits<double>::min(), std::nextafter(1.0, 2.0);
   expect_same(parse(measurements_csv(m)), m);
 }
 
@@ -607,15 +613,16 @@ TEST(MeasurementsSubset, KeepsTheChosenRowsAndDropsEmptyConfigurations) {
   EXPECT_EQ(train.joint_units, m.joint_units);
   EXPECT_EQ(train.joint_values, (Eigen::Matrix2d() << 3, 5, 4, 6).finished());
   ASSERT_EQ(train.observations.size(), 3U);
-  EXPECT_EQ(train.observations[1].position.z(), 3.0);
+  EXPECT_EQ(train.observations[1].position().z(), 3.0);
   EXPECT_EQ(train.observations[1].configuration, 0);
   EXPECT_EQ(train.observations[2].configuration, 1);
   EXPECT_EQ(train.observations[0].target, 1);
-  ASSERT_EQ(train.orientations.size(), 3U);
-  EXPECT_EQ(train.orientations[1].x(), 1.0);
+  EXPECT_FALSE(has_orientation(train.observations[0]));
+  EXPECT_EQ(orientation_of(train.observations[1]).x(), 1.0);
+  EXPECT_FALSE(has_orientation(train.observations[2]));
 
   const Measurements last = subset(m, [](const Observation& o) { return o.configuration == 2; });
-  EXPECT_THAT(last.orientations, IsEmpty());
+  EXPECT_FALSE(has_orientations(last));
   EXPECT_THAT(last.targets, ElementsAre("A", "B"));
 
   const Measurements none = subset(m, [](const Observation&) { return false; });
@@ -634,12 +641,12 @@ TEST(MeasurementsAveraged, IsTheMeanOverTheRepeats) {
   const Measurements means = averaged(m);
   EXPECT_EQ(means.configurations, m.configurations);
   ASSERT_EQ(means.observations.size(), 3U);
-  EXPECT_EQ(means.observations[0].position, Eigen::Vector3d(2, 1, 6));
+  EXPECT_EQ(means.observations[0].position(), Eigen::Vector3d(2, 1, 6));
   EXPECT_EQ(means.observations[0].target, 0);
   EXPECT_NEAR(means.observations[0].sigma, 0.0025, 1e-18);
-  EXPECT_EQ(means.observations[1].position, Eigen::Vector3d(5, 5, 5));
+  EXPECT_EQ(means.observations[1].position(), Eigen::Vector3d(5, 5, 5));
   EXPECT_EQ(means.observations[1].sigma, 0.0);
-  EXPECT_EQ(means.observations[2].position, Eigen::Vector3d(9, 9, 9));
+  EXPECT_EQ(means.observations[2].position(), Eigen::Vector3d(9, 9, 9));
   EXPECT_EQ(means.observations[2].sigma, 0.1);
   EXPECT_EQ(means.observations[2].split, Split::test);
   for (const Observation& o : means.observations) EXPECT_EQ(o.repeat, 1);
@@ -651,18 +658,20 @@ TEST(MeasurementsAveraged, AveragesOrientationsWhateverTheirSign) {
   Measurements m = parse(
       "configuration,repeat,target,joint_1,joint_2,x,y,z\n"
       "a,1,A,1,2,0,0,0\na,2,A,1,2,0,0,0\na,3,A,1,2,0,0,0\nb,1,A,1,3,0,0,0\nc,1,A,1,3,0,0,0\n");
-  m.orientations.assign(5, Eigen::Quaterniond(Eigen::Vector4d::Constant(std::nan(""))));
-  m.orientations[3] = Eigen::AngleAxisd(0.7, axis);
+  const Eigen::Quaterniond only(Eigen::AngleAxisd(0.7, axis));
+  set_orientation(m.observations[3], only);
   for (const double first : {1.0, -1.0}) {
     for (const double second : {1.0, -1.0}) {
-      m.orientations[0].coeffs() = first * Eigen::Quaterniond(Eigen::AngleAxisd(0.1, axis)).coeffs();
-      m.orientations[2].coeffs() = second * Eigen::Quaterniond(Eigen::AngleAxisd(0.3, axis)).coeffs();
-      const Measurements means = averaged(m);
-      ASSERT_EQ(means.orientations.size(), 3U);
-      const Eigen::Quaterniond expected(Eigen::AngleAxisd(0.2, axis));
-      EXPECT_NEAR((means.orientations[0].coeffs() - first * expected.coeffs()).norm(), 0.0, 1e-14);
-      EXPECT_EQ(means.orientations[1].coeffs(), m.orientations[3].coeffs());
-      EXPECT_TRUE(means.orientations[2].coeffs().array().isNaN().all());
+      const auto turned_by = [&](double angle, double sign) -> Eigen::Vector4d {
+        return sign * Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis)).coeffs();
+      };
+      set_orientation(m.observations[0], Orientation(turned_by(0.1, first)));
+      set_orientation(m.observations[2], Orientation(turned_by(0.3, second)));
+      const std::vector<Observation> means = averaged(m).observations;
+      ASSERT_EQ(means.size(), 3U);
+      EXPECT_NEAR((orientation_of(means[0]).coeffs() - turned_by(0.2, first)).norm(), 0.0, 1e-14);
+      EXPECT_EQ(orientation_of(means[1]).coeffs(), only.coeffs());
+      EXPECT_FALSE(has_orientation(means[2]));
     }
   }
 }
@@ -684,12 +693,12 @@ TEST(MeasurementsOnRealData, ReadsTheFanucTrackerSeries) {
   }
   EXPECT_EQ(repeats.size(), 72U);
   for (const auto& [group, values] : repeats) EXPECT_THAT(values, ElementsAre(1, 2, 3, 4, 5, 6, 7, 8, 9, 10));
-  EXPECT_THAT(m.orientations, IsEmpty());
+  EXPECT_FALSE(has_orientations(m));
   // The first row of the file, with q = [J1, -J2, J3, -J4, J5, -J6].
   Eigen::VectorXd q(6);
   q << 0.785398163397, -0.461999124978, 0.116125481781, 2.87422741081, -0.493945631607, -4.91364289643;
   EXPECT_EQ(m.joint_values.col(0), q);
-  EXPECT_EQ(m.observations[0].position, Eigen::Vector3d(1.107234, 1.279674, 1.325723));
+  EXPECT_EQ(m.observations[0].position(), Eigen::Vector3d(1.107234, 1.279674, 1.325723));
   const double degree = std::numbers::pi / 180.0;
   EXPECT_NEAR(m.joint_values.row(0).minCoeff(), 26 * degree, degree);
   EXPECT_NEAR(m.joint_values.row(0).maxCoeff(), 45 * degree, degree);
@@ -700,10 +709,10 @@ TEST(MeasurementsOnRealData, MeansAndRepeatScatterAreThePublishedOnes) {
   const Measurements means = averaged(m);
   ASSERT_EQ(means.observations.size(), 72U);
   std::map<std::tuple<int, int>, Eigen::Vector3d> mean;
-  for (const Observation& o : means.observations) mean[{o.configuration, o.target}] = o.position;
+  for (const Observation& o : means.observations) mean[{o.configuration, o.target}] = o.position();
   Eigen::Vector3d squares = Eigen::Vector3d::Zero();
   for (const Observation& o : m.observations) {
-    squares += (o.position - mean.at({o.configuration, o.target})).cwiseAbs2();
+    squares += (o.position() - mean.at({o.configuration, o.target})).cwiseAbs2();
   }
   const Eigen::Vector3d scatter = (squares / (720.0 - 72.0)).cwiseSqrt();
   EXPECT_NEAR(scatter.x(), 59e-6, 1e-6);
@@ -718,12 +727,11 @@ TEST(MeasurementsOnRealData, ReadsTheUr10Poses) {
   EXPECT_EQ(m.configurations.size(), 397U);
   EXPECT_EQ(m.observations.size(), 397U);
   EXPECT_THAT(m.targets, ElementsAre("tmac"));
-  ASSERT_EQ(m.orientations.size(), 397U);
-  for (const Eigen::Quaterniond& q : m.orientations) EXPECT_NEAR(q.norm(), 1.0, 1e-15);
+  for (const Observation& o : m.observations) EXPECT_NEAR(orientation_of(o).norm(), 1.0, 1e-15);
   EXPECT_EQ(m.observations[0].split, Split::train);
   EXPECT_EQ(m.observations[1].split, Split::test);
   EXPECT_EQ(m.joint_values(1, 1), -2.73828);
-  EXPECT_NEAR(m.orientations[0].w(), -0.578436625, 1e-8);
+  EXPECT_NEAR(orientation_of(m.observations[0]).w(), -0.578436625, 1e-8);
 }
 
 /// Rows "configuration,target,repeat,split,order" of configurations 0, 1, ... that stand at 10 c and -c.
@@ -731,12 +739,12 @@ Measurements rows_of(const std::vector<std::array<int, 5>>& rows) {
   Measurements m{.source = "m.csv", .joints = kJoints, .targets = {"A", "B"}};
   int last = 0;
   for (const auto& [configuration, target, repeat, split, order] : rows) {
-    m.observations.push_back({.position = Eigen::Vector3d(order, configuration, target),
+    m.observations.push_back({.reading = Point{Eigen::Vector3d(order, configuration, target)},
+                              .order = order,
                               .configuration = configuration,
                               .target = target,
                               .repeat = repeat,
                               .split = split == 0 ? Split::train : Split::test});
-    m.order.push_back(order);
     last = std::max(last, configuration);
   }
   m.joint_values.resize(2, last + 1);
@@ -751,15 +759,15 @@ TEST(MeasurementsSubset, KeepsTheSourceAndTheOrderOfTheRowsKept) {
   const Measurements m = rows_of({{0, 0, 1, 0, 5}, {1, 0, 1, 0, 3}, {0, 1, 1, 0, 9}, {2, 0, 1, 0, 1}});
   const Measurements kept = subset(m, [](const Observation& o) { return o.configuration != 1; });
   EXPECT_EQ(kept.source, "m.csv");
-  EXPECT_THAT(kept.order, ElementsAre(5, 9, 1));
+  EXPECT_THAT(order_of(kept), ElementsAre(5, 9, 1));
   EXPECT_THAT(kept.configurations, ElementsAre("c0", "c2"));
 }
 
 TEST(MeasurementsAveraged, HasTheOrderOfTheFirstRowOfEachMean) {
   const Measurements m = rows_of({{1, 0, 1, 0, 5}, {0, 1, 1, 0, 3}, {1, 0, 2, 0, 9}, {0, 0, 1, 0, 1}, {0, 1, 2, 0, 7}});
   const Measurements means = averaged(m);
-  EXPECT_THAT(means.order, ElementsAre(1, 3, 5));
-  EXPECT_EQ(means.observations[1].position.x(), 5.0);
+  EXPECT_THAT(order_of(means), ElementsAre(1, 3, 5));
+  EXPECT_EQ(means.observations[1].position().x(), 5.0);
 }
 
 TEST(TrainedConfigurations, AreThoseWithTrainingRows) {
@@ -801,8 +809,8 @@ TEST(ApproachDirections, CountEachVisitOnceAndKeepTheOrderOfTheFileAmongEquals) 
   EXPECT_EQ(first(0, 0), -1.0);
   EXPECT_TRUE(std::isnan(first(0, 1)));
   Measurements fewer = m;
-  fewer.order.pop_back();
-  EXPECT_REFUSED("5 places in the order, expected 6", approach_directions(fewer));
+  fewer.observations.back().order.reset();
+  EXPECT_REFUSED("observation 5: some rows have a place in the order", approach_directions(fewer));
 }
 
 TEST(TrainedRanges, AreThoseOfTheTrainingRows) {
@@ -832,26 +840,25 @@ TEST(JoinedMeasurements, StandBehindEachOther) {
   EXPECT_EQ(both.observations[4].configuration, 2);
   EXPECT_EQ(both.observations[4].repeat, 4);
   EXPECT_EQ(both.observations[4].split, Split::test);
-  EXPECT_THAT(both.order, ElementsAre(1, 2, 3, 8, 9));
+  EXPECT_THAT(order_of(both), ElementsAre(1, 2, 3, 8, 9));
   EXPECT_EQ(both.signals.torques, (Eigen::MatrixXd(2, 4) << 1, 2, 5, 6, 3, 4, 7, 8).finished());
-  EXPECT_THAT(both.orientations, IsEmpty());
+  EXPECT_FALSE(has_orientations(both));
 }
 
-TEST(JoinedMeasurements, KeepWhatBothHaveAndFillOrientations) {
+TEST(JoinedMeasurements, KeepTheOrderIfBothHaveOneAndEachOrientation) {
   const Measurements plain = rows_of({{0, 0, 1, 0, 1}, {1, 1, 1, 0, 2}});
-  Measurements poses = rows_of({{0, 0, 1, 0, 1}});
-  poses.orientations = {Eigen::Quaterniond(0, 1, 0, 0)};
-  poses.order.clear();
+  Measurements poses = without_order(rows_of({{0, 0, 1, 0, 1}}));
+  set_orientations(poses, Orientation(0, 1, 0, 0));
   const auto kinds = [](const Measurements& m) {
     std::string text;
-    for (const Eigen::Quaterniond& q : m.orientations) text += is_point(q) ? 'p' : 'o';
+    for (const Observation& o : m.observations) text += has_orientation(o) ? 'o' : 'p';
     return text;
   };
   EXPECT_EQ(kinds(joined(plain, poses)), "ppo");
   EXPECT_EQ(kinds(joined(poses, plain)), "opp");
   EXPECT_EQ(kinds(joined(poses, poses)), "oo");
-  EXPECT_THAT(joined(plain, poses).order, IsEmpty());
-  EXPECT_THAT(joined(poses, plain).order, IsEmpty());
+  EXPECT_THAT(order_of(joined(plain, poses)), IsEmpty());
+  EXPECT_THAT(order_of(joined(poses, plain)), IsEmpty());
 }
 
 TEST(JoinedMeasurements, AreOfTheSameJointsAndTargets) {
@@ -899,7 +906,8 @@ TEST(MeasurementsCheck, SaysWhatIsWrongWithWhichRow) {
             "measurements: 1 units of joints, expected 2, one for each");
   for (const double norm : {0.9991, 1.0009, 0.9989, 1.0011}) {
     const std::string found = refused([&](auto& m) {
-      m.orientations = {point_alone(), Eigen::Quaterniond(norm, 0, 0, 0), Eigen::Quaterniond::Identity()};
+      set_orientation(m.observations[1], Orientation(norm, 0, 0, 0));
+      set_orientation(m.observations[2], Orientation::Identity());
     });
     EXPECT_EQ(found, std::abs(norm - 1.0) < 1e-3 ? "nothing was refused"
                                                  : "m.csv: observation 1: the orientation is no unit quaternion")
@@ -918,19 +926,19 @@ TEST(TrainingRows, AreTheMeasurementsThemselvesWhereThereIsNothingElse) {
 
 TEST(TrainingRows, OfWhatDoesNotHoldTogetherAreRefusedBeforeAnyIsTaken) {
   const Measurements sound = rows_of({{0, 0, 1, 0, 1}, {1, 0, 1, 1, 2}, {2, 0, 1, 0, 3}});
+  Measurements turned = sound;
+  set_orientation(turned.observations[1], Orientation(2, 0, 0, 0));
+  EXPECT_REFUSED("observation 1: the orientation is no unit quaternion", TrainingRows(turned));
   Measurements fewer = sound;
-  fewer.orientations = {Eigen::Quaterniond::Identity()};
-  EXPECT_REFUSED("1 orientations, expected 3", TrainingRows(fewer));
-  Measurements more = sound;
-  more.order.assign(5, 1);
-  EXPECT_REFUSED("5 places in the order, expected 3", TrainingRows(more));
+  fewer.observations[1].order.reset();
+  EXPECT_REFUSED("observation 1: some rows have a place in the order", TrainingRows(fewer));
 }
 
 TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
   Measurements all =
       rows_of({{0, 0, 1, 0, 10}, {0, 1, 1, 1, 9}, {1, 0, 1, 1, 8}, {1, 1, 1, 1, 7}, {2, 0, 1, 0, 6}, {2, 1, 1, 0, 5}});
-  all.orientations.assign(6, Eigen::Quaterniond::Identity());
-  all.orientations[2] = point_alone();
+  set_orientations(all, Orientation::Identity());
+  remove_orientation(all.observations[2]);
   const TrainingRows training(all);
   ASSERT_TRUE(training.has_others());
   const Measurements& rows = *training;
@@ -940,12 +948,12 @@ TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
   const std::vector<std::size_t> expected = {0, 4, 5};
   for (std::size_t i = 0; i < 3; ++i) {
     const Observation& observation = all.observations[expected[i]];
-    EXPECT_EQ(rows.observations[i].position, observation.position) << i;
+    EXPECT_EQ(rows.observations[i].position(), observation.position()) << i;
     EXPECT_EQ(rows.observations[i].configuration, observation.configuration) << i;
     EXPECT_EQ(rows.observations[i].target, observation.target) << i;
   }
-  EXPECT_THAT(rows.order, ElementsAre(10, 6, 5));
-  EXPECT_TRUE(std::none_of(rows.orientations.begin(), rows.orientations.end(), is_point));
+  EXPECT_THAT(order_of(rows), ElementsAre(10, 6, 5));
+  EXPECT_TRUE(std::all_of(rows.observations.begin(), rows.observations.end(), has_orientation));
   EXPECT_THAT(training.values_of({1, 2, 3, 4, 5, 6}), ElementsAre(1, 5, 6));
   EXPECT_THAT(training.among_all({1, 5, 6}, 0.0), ElementsAre(1, 0, 0, 0, 5, 6));
   EXPECT_TRUE(training.values_of({}).empty());

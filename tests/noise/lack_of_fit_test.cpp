@@ -123,7 +123,7 @@ struct Trial {
     std::map<int, Vector3d> of_configuration;
     for (Observation& o : measured.observations) {
       const Vector3d drawn{random.normal(), random.normal(), random.normal()};
-      o.position += misfit * of_configuration.try_emplace(o.configuration, drawn).first->second;
+      o.position() += misfit * of_configuration.try_emplace(o.configuration, drawn).first->second;
     }
     estimate.X_WB.translation() += Vector3d(1e-4, -5e-5, 2e-5);
   }
@@ -146,7 +146,7 @@ TEST(LackOfFit, OfOneTargetIsTheTextbooksF) {
       for (const Observation& o : trial.measured.observations) {
         if (o.configuration == c) {
           e.conservativeResize(3, e.cols() + 1);
-          e.rightCols<1>() = o.position - predicted_point(trial.estimate, X_BF, o);
+          e.rightCols<1>() = o.position() - predicted_point(trial.estimate, X_BF, o);
         }
       }
       ASSERT_EQ(e.cols(), kRepeats);
@@ -184,7 +184,7 @@ TEST(LackOfFit, LooksAtTrainingRowsAloneAndAtNoSigma) {
   Observation held_out = measured.observations[4];
   held_out.split = Split::test;
   held_out.repeat = 9;
-  held_out.position.x() += 1.0;
+  held_out.position().x() += 1.0;
   measured.observations.insert(measured.observations.begin(), held_out);
   const LackOfFit after = trial.tested().value();
   EXPECT_EQ(after.f, before.f);
@@ -207,7 +207,7 @@ TEST(LackOfFit, ResidualsOfOneJointAreExplainedByIt) {
   Measurements measured = experiment.measure(60, {.sigma = 1e-6});
   for (Observation& o : measured.observations) {
     const double q = measured.joint_values(3, o.configuration);
-    o.position += Eigen::Vector3d(0.0001 * std::sin(q), -0.0002 * std::cos(q), 0.00005);
+    o.position() += Eigen::Vector3d(0.0001 * std::sin(q), -0.0002 * std::cos(q), 0.00005);
   }
   const std::vector<double> explained = explained_by_joints(experiment.model, experiment.robot.truth, measured);
   ASSERT_EQ(explained.size(), 6U);
@@ -222,7 +222,7 @@ TEST(LackOfFit, NothingIsExplainedWhereNothingIsLeft) {
   Trial trial(3, std::vector<int>(8, 1), {}, 0.0);
   const auto X_BF = flange_poses(trial.experiment.model, trial.estimate, trial.measured);
   for (Observation& o : trial.measured.observations) {
-    o.position = predicted_point(trial.estimate, X_BF, o);
+    o.position() = predicted_point(trial.estimate, X_BF, o);
   }
   EXPECT_EQ(explained_by_joints(trial.experiment.model, trial.estimate, trial.measured), std::vector<double>(6, 0.0));
 }

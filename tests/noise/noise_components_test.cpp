@@ -44,11 +44,13 @@ Measurements irregular(unsigned seed, const Vector3d& common, double orientation
         }
         const Vector3d together = shared.try_emplace(r, common.cwiseProduct(normal())).first->second;
         measured.observations.push_back(
-            {.position = place + together + 1e-2 * normal(), .configuration = c, .target = t, .repeat = r});
+            {.reading = Point{place + together + 1e-2 * normal()}, .configuration = c, .target = t, .repeat = r});
         if (orientation > 0.0) {
           const bool alone = random.uniform(0.0, 1.0) < 0.2;
-          measured.orientations.push_back(
-              alone ? point_alone() : Eigen::Quaterniond(Matrix3d(turn * rotation_exp(orientation * normal()))));
+          if (!alone) {
+            testing::set_orientation(measured.observations.back(),
+                                     Eigen::Quaterniond(Matrix3d(turn * rotation_exp(orientation * normal()))));
+          }
         }
       }
     }
@@ -104,7 +106,7 @@ TEST(NoiseComponents, OfTargetsThatShareOneRepeatAreAllTheirOwn) {
   Measurements one_shared = irregular(1, Vector3d(0.1, 0.1, 0.1));
   one_shared.observations.clear();
   for (const auto& [target, repeat] : std::vector<std::pair<int, int>>{{0, 1}, {0, 2}, {1, 2}, {1, 3}}) {
-    one_shared.observations.push_back({.position = Vector3d(target + repeat * repeat, repeat, -repeat),
+    one_shared.observations.push_back({.reading = Point{Vector3d(target + repeat * repeat, repeat, -repeat)},
                                        .configuration = 0,
                                        .target = target,
                                        .repeat = repeat});
@@ -133,10 +135,9 @@ TEST(NoiseComponents, WithoutRepeatsAreNone) {
 TEST(NoiseComponents, OfOrientationsNeedTwoOfOneTarget) {
   Measurements measured = irregular(4, Vector3d::Constant(0.1), 1e-4);
   std::set<std::pair<int, int>> seen;
-  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-    const Observation& o = measured.observations[row];
+  for (Observation& o : measured.observations) {
     if (!seen.insert({o.configuration, o.target}).second) {
-      measured.orientations[row] = point_alone();
+      testing::remove_orientation(o);
     }
   }
   const RepeatNoise found = noise_from_repeats(measured);

@@ -95,12 +95,12 @@ Trial trial(const ErrorModel& model, const Truth& truth, std::uint64_t seed) {
       }
       return place->second;
     };
-    o.position += draw(of_configuration, o.configuration, truth.misfit);
-    o.position += draw(of_target, std::pair(o.configuration, o.target), truth.target_misfit);
-    o.position += draw(of_repeat, std::pair(o.configuration, o.repeat), 1.0).cwiseProduct(truth.common);
-    o.position += normal_vector(random).cwiseProduct(truth.independent);
+    o.position() += draw(of_configuration, o.configuration, truth.misfit);
+    o.position() += draw(of_target, std::pair(o.configuration, o.target), truth.target_misfit);
+    o.position() += draw(of_repeat, std::pair(o.configuration, o.repeat), 1.0).cwiseProduct(truth.common);
+    o.position() += normal_vector(random).cwiseProduct(truth.independent);
     if (truth.outliers > 0.0 && random.uniform(0.0, 1.0) < truth.outliers) {
-      o.position += 20.0 * truth.independent;
+      o.position() += 20.0 * truth.independent;
     }
   }
   return result;
@@ -128,8 +128,8 @@ public:
       }
       const auto first = static_cast<Index>(3 * i);
       jacobian_.middleRows<3>(first) = J;
-      residual_.segment<3>(first) = o.position - estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
-                                                                  estimate.targets[k].X_FT.translation());
+      residual_.segment<3>(first) = o.position() - estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
+                                                                    estimate.targets[k].X_FT.translation());
     }
   }
 
@@ -399,7 +399,7 @@ Vector3d measured_at(const Vector3d& place, const Truth& truth, Random& random) 
   Vector3d real = place + truth.misfit * normal_vector(random) + truth.target_misfit * normal_vector(random);
   real += normal_vector(random).cwiseProduct(truth.common) + normal_vector(random).cwiseProduct(truth.independent);
   if (truth.tracker) {
-    const Observation there{.position = real};
+    const Observation there{.reading = Point{real}};
     const Eigen::LLT<Eigen::Matrix3d> root(point_covariance({.tracker = truth.tracker}, there));
     real += root.matrixL() * normal_vector(random);
   }
@@ -573,8 +573,8 @@ struct Small {
     Random random(5);
     std::map<int, Vector3d> of_configuration;
     for (Observation& o : measured.observations) {
-      o.position += 5e-5 * of_configuration.try_emplace(o.configuration, normal_vector(random)).first->second +
-                    2e-5 * normal_vector(random);
+      o.position() += 5e-5 * of_configuration.try_emplace(o.configuration, normal_vector(random)).first->second +
+                      2e-5 * normal_vector(random);
     }
     estimate = identify_jointly(experiment.model, measured, estimate, free).estimate;
   }
@@ -686,7 +686,7 @@ TEST(NoiseParts, AreThoseOfTheTrainingRows) {
     Observation other = more.observations[row];
     other.split = Split::test;
     other.repeat += 10;
-    other.position.x() += 0.1;
+    other.position().x() += 0.1;
     more.observations.push_back(other);
   }
   const NoiseParts expected = estimate_noise(fit.model, small.measured, fit.start, fit.free, {});

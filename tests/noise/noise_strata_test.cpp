@@ -14,6 +14,7 @@
 #include "estimation/prediction.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 #include "virtual_experiment.hpp"
 
@@ -79,12 +80,12 @@ Measurements drawn(const Trial& t, const Variances& parts, Random& random) {
   std::map<std::pair<int, int>, Vector3d> of_repeat;
   Measurements measured = t.measured;
   for (Observation& o : measured.observations) {
-    o.position = predicted_point(t.estimate, X_BF, o) + independent.cwiseProduct(normal());
-    o.position +=
+    o.position() = predicted_point(t.estimate, X_BF, o) + independent.cwiseProduct(normal());
+    o.position() +=
         std::sqrt(parts[NoiseParts::kMisfit]) * of_configuration.try_emplace(o.configuration, normal()).first->second;
-    o.position += std::sqrt(parts[NoiseParts::kTargetMisfit]) *
-                  of_target.try_emplace({o.configuration, o.target}, normal()).first->second;
-    o.position += common.cwiseProduct(of_repeat.try_emplace({o.configuration, o.repeat}, normal()).first->second);
+    o.position() += std::sqrt(parts[NoiseParts::kTargetMisfit]) *
+                    of_target.try_emplace({o.configuration, o.target}, normal()).first->second;
+    o.position() += common.cwiseProduct(of_repeat.try_emplace({o.configuration, o.repeat}, normal()).first->second);
   }
   return measured;
 }
@@ -173,7 +174,7 @@ Measurements rows_of(const std::vector<std::array<int, 3>>& places, double sigma
   Measurements measured;
   for (const auto& [configuration, target, repeat] : places) {
     const auto at = static_cast<double>(measured.observations.size());
-    measured.observations.push_back({.position = Vector3d(at, -at * at, std::sin(at)),
+    measured.observations.push_back({.reading = Point{Vector3d(at, -at * at, std::sin(at))},
                                      .sigma = sigma,
                                      .configuration = configuration,
                                      .target = target,
@@ -232,7 +233,7 @@ TEST(NoiseStrata, KnowTheMeanOfStatedVariances) {
       .noise = {.tracker = TrackerNoise{.range = 2.0, .transverse = 3.0}, .common = Vector3d::Ones()}};
   const Measurements along_x = [] {
     Measurements one = rows_of({{0, 0, 1}});
-    one.observations[0].position = Vector3d(5.0, 0.0, 0.0);
+    one.observations[0].position() = Vector3d(5.0, 0.0, 0.0);
     return one;
   }();
   EXPECT_TRUE(NoiseStrata(along_x, tracker).mean_known().isApprox(Vector3d(4.0, 9.0, 9.0), 1e-15));
@@ -305,7 +306,7 @@ TEST(NoiseStrata, AskForWhatNobodyStatedAndTheLayoutSeparates) {
   EXPECT_EQ(asked(repeats, PartsAsked::all, independent), Columns({{0}, {1}, kCommonOfAll}));
   EXPECT_EQ(asked(repeats, PartsAsked::of_repeats, independent), Columns({kCommonOfAll}));
   Measurements poses = repeats;
-  poses.orientations.assign(poses.observations.size(), Eigen::Quaterniond::Identity());
+  testing::set_orientations(poses, Orientation::Identity());
   EXPECT_EQ(asked(poses, PartsAsked::all), Columns({{0}, {1}, kCommonOfAll, kIndependentOfAll, {8}}));
   EXPECT_EQ(asked(poses, PartsAsked::all, {.orientation = 1e-3}), Columns({{0}, {1}, kCommonOfAll, kIndependentOfAll}));
   EXPECT_EQ(asked(poses, PartsAsked::without_misfits), Columns({kCommonOfAll, kIndependentOfAll, {8}}));
@@ -320,16 +321,14 @@ TEST(NoiseStrata, OfOrientationsSayWhatPosesSayBeyondTheirPoints) {
   trial.measured = subset(testing::without_sigmas(trial.measured),
                           [](const Observation& o) { return o.configuration != 1 || o.target == 2; });
   double poses = 0.0;
-  for (std::size_t row = 0; row < trial.measured.observations.size(); ++row) {
-    const Observation& o = trial.measured.observations[row];
+  for (Observation& o : trial.measured.observations) {
     if (o.target == 0 && o.configuration % 2 == 0) {
-      trial.measured.orientations[row] = point_alone();
+      testing::remove_orientation(o);
     } else {
       poses += 1.0;
     }
   }
-  Measurements points = trial.measured;
-  points.orientations.clear();
+  const Measurements points = without_orientations(trial.measured);
   const ResidualOptions unit{.noise = {.independent = Vector3d::Ones(), .orientation = 1.0}};
   const auto equations = [&](const Measurements& measured) {
     return LeastSquaresProblem(trial.experiment.model, measured, trial.free, unit).linearise(trial.estimate);
@@ -357,7 +356,8 @@ TEST(NoiseStrata, SampleTwoThousandConfigurationsEvenlyWithTheirWeights) {
     for (int c = 0; c < count; ++c) {
       measured.configurations.push_back(std::to_string(c));
       for (int target = 0; target <= c % 2; ++target) {
-        measured.observations.push_back({.position = Vector3d::Constant(c), .configuration = c, .target = target});
+        measured.observations.push_back(
+            {.reading = Point{Vector3d::Constant(c)}, .configuration = c, .target = target});
         options.row_weights.push_back(static_cast<double>(c) + 0.5 * target);
       }
     }
@@ -372,8 +372,8 @@ TEST(NoiseStrata, SampleTwoThousandConfigurationsEvenlyWithTheirWeights) {
     ASSERT_EQ(sample.options.row_weights.size(), sample.measurements.observations.size()) << count;
     for (std::size_t row = 0; row < sample.measurements.observations.size(); ++row) {
       const Observation& o = sample.measurements.observations[row];
-      EXPECT_EQ(kept[o.configuration], o.position.x()) << count;
-      EXPECT_EQ(sample.options.row_weights[row], o.position.x() + 0.5 * o.target) << count;
+      EXPECT_EQ(kept[o.configuration], o.position().x()) << count;
+      EXPECT_EQ(sample.options.row_weights[row], o.position().x() + 0.5 * o.target) << count;
     }
   }
 }

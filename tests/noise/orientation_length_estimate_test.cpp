@@ -10,6 +10,7 @@
 
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
+#include "measurements/readings.hpp"
 #include "planning/simulation.hpp"
 #include "record.hpp"
 #include "virtual_experiment.hpp"
@@ -150,7 +151,7 @@ TEST(OrientationLength, ArePresentOnesWhereNothingTellsThem) {
   exact.fit_options.joint.residuals.orientation_length = 0.7;
   EXPECT_EQ(exact.length(), 0.7);
   Poses points(20, {.sigma = 1e-4});
-  points.measured.orientations.clear();
+  points.measured = without_orientations(std::move(points.measured));
   points.fit_options.joint.residuals.orientation_length = 0.7;
   EXPECT_EQ(points.length(), 0.7);
 }

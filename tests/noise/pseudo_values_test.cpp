@@ -51,8 +51,8 @@ TEST(PseudoValues, AreOffByTheirWeightOverTheMeanSlope) {
       const Observation& o = measured.observations[row];
       const Eigen::Vector3d predicted =
           testing::kdl_point(chain, estimate, measured.joint_values.col(o.configuration), o.target);
-      const Eigen::Vector3d expected = predicted + weights[row] / (sum / rows) * (o.position - predicted);
-      EXPECT_LT((found.measurements.observations[row].position - expected).norm(), 1e-9);
+      const Eigen::Vector3d expected = predicted + weights[row] / (sum / rows) * (o.position() - predicted);
+      EXPECT_LT((found.measurements.observations[row].position() - expected).norm(), 1e-9);
     }
   }
 }
@@ -70,8 +70,8 @@ TEST(PseudoValues, AreOfTrainingRowsAlone) {
   EXPECT_EQ(found.rows, 9.0);
   ASSERT_EQ(found.measurements.observations.size(), 9U);
   for (std::size_t row = 0; row < 9; ++row) {
-    const Eigen::Vector3d& before = measured.observations[row + 3].position;
-    EXPECT_LT((found.measurements.observations[row].position - before).norm(), 1e-12) << "of full weight";
+    const Eigen::Vector3d& before = measured.observations[row + 3].position();
+    EXPECT_LT((found.measurements.observations[row].position() - before).norm(), 1e-12) << "of full weight";
   }
 }
 

@@ -259,7 +259,7 @@ TEST(Experiment, MatchesTheTargetsOfAFileByName) {
     observation.target = 1 - observation.target;
   }
   // Orientations are not what is planned for.
-  measurements.orientations.assign(measurements.observations.size(), Eigen::Quaterniond(0.6, 0.8, 0.0, 0.0));
+  testing::set_orientations(measurements, Orientation(0.6, 0.8, 0.0, 0.0));
   EXPECT_LT((information(f.experiment, measurements) - expected).norm(), 1e-9 * expected.norm());
 }
 

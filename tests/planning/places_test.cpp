@@ -143,7 +143,7 @@ TEST(PlacesPlan, FileIsReadOnceItIsFilledIn) {
   const Measurements read = parse_measurements(robot, plan_csv(touches.sheet, robot.joints));
   EXPECT_THAT(read.stations, ElementsAre("P1", "P2", "P3", "P4"));
   ASSERT_EQ(read.observations.size(), 40U);
-  EXPECT_EQ(read.observations[7].position, touches.sheet.points.col(7));
+  EXPECT_EQ(read.observations[7].position(), touches.sheet.points.col(7));
   const PlacesPlan lengths = plan_at_places(request(robot, ball), {.stations = 2, .directions = "r"});
   std::string csv = plan_csv(lengths.sheet, robot.joints);
   EXPECT_THAT(refusal([&] { return parse_measurements(robot, csv); }), HasSubstr("distance"));
@@ -151,8 +151,8 @@ TEST(PlacesPlan, FileIsReadOnceItIsFilledIn) {
     csv.insert(end + 1, "1.5");
   }
   std::vector<double> distances;
-  for (const MeasuredCoordinates& row : parse_measurements(robot, csv).coordinates) {
-    distances.push_back(row.distance);
+  for (const Observation& row : parse_measurements(robot, csv).observations) {
+    distances.push_back(testing::length_of(row));
   }
   EXPECT_THAT(distances, Each(1.5));
 }

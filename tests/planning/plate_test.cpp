@@ -27,7 +27,7 @@ TEST(Plate, TheBallIsInTheSockets) {
   EXPECT_EQ(experiment.robot.model.stations, touches.stations);
   const auto X_BF = flange_poses(experiment.robot.model, experiment.robot.truth, touches);
   for (const Observation& o : touches.observations) {
-    EXPECT_LT((o.position - predicted_point(experiment.robot.truth, X_BF, o)).norm(), 1e-11);
+    EXPECT_LT((o.position() - predicted_point(experiment.robot.truth, X_BF, o)).norm(), 1e-11);
     for (std::size_t i = 0; i < experiment.ranges.size(); ++i) {
       const double q = touches.joint_values(static_cast<Eigen::Index>(i), o.configuration);
       EXPECT_TRUE(q >= experiment.ranges[i].first && q <= experiment.ranges[i].second);

@@ -76,7 +76,7 @@ TEST(Simulation, DrawsEffectsOfTheStatedSizeAndMeasuresWithThem) {
     for (const Observation& o : measured.observations) {
       const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, moved.col(o.configuration)));
       const TargetFrame& target = robot.truth.targets[static_cast<std::size_t>(o.target)];
-      EXPECT_LT((o.position - robot.truth.X_WB * (X_BF * target.X_FT.translation())).norm(), 1e-12);
+      EXPECT_LT((o.position() - robot.truth.X_WB * (X_BF * target.X_FT.translation())).norm(), 1e-12);
     }
     EXPECT_EQ(measured.joint_values, q) << "the controller's values do not know of it";
   }
@@ -132,8 +132,8 @@ TEST(Simulation, RepeatsScatterWithTheCovarianceOfTheirParts) {
     for (std::size_t row = 0; row < measured.observations.size(); ++row) {
       const Observation& o = measured.observations[row];
       const Eigen::Isometry3d& exact = X_WT[static_cast<std::size_t>(o.target)];
-      const Eigen::AngleAxisd turn(Eigen::Quaterniond(exact.linear()).conjugate() * measured.orientations.at(row));
-      off.col(o.repeat - 1).segment<3>(3 * o.target) = o.position - exact.translation();
+      const Eigen::AngleAxisd turn(Eigen::Quaterniond(exact.linear()).conjugate() * testing::orientation_of(o));
+      off.col(o.repeat - 1).segment<3>(3 * o.target) = o.position() - exact.translation();
       off.col(o.repeat - 1).segment<3>(6 + 3 * o.target) = turn.angle() * turn.axis();
       ASSERT_TRUE(o.split == Split::test && o.sigma == (by_tracker ? 0.0 : 1e-3)) << row;
     }
@@ -206,7 +206,7 @@ TEST(Simulation, TheSameSeedGivesTheSameNumbers) {
     const VirtualRobot robot = virtual_robot(model, {2, 8}, published_targets(), {}, random);
     return measure(robot, random_configurations(limits_of(model.joints), 3, random), {.sigma = 0.0001}, random)
         .observations.back()
-        .position;
+        .position();
   };
   EXPECT_EQ(run(7), run(7));
   EXPECT_NE(run(7), run(8));

@@ -196,7 +196,7 @@ TEST(EffectsJson, OfACalibrationOnlyItsOwnTermsWithTheRangesOfTheFittedRows) {
   measured.signals = s.driven.signals;
   measured.configurations.assign(60, "c");
   measured.targets = {"A"};
-  measured.observations.push_back({.position = Eigen::Vector3d::Zero(), .configuration = 4});
+  measured.observations.push_back({.reading = Point{Eigen::Vector3d::Zero()}, .configuration = 4});
   const auto written = [&] { return effects_json(calibration, measured); };
   const Json json = written();
   EXPECT_EQ(json["gravity_direction"], Json::array({0.0, 0.6, -0.8}));

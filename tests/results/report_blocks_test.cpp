@@ -143,7 +143,7 @@ struct Measured : testing::VirtualExperiment {
 
   Vector3d residual(const Estimate& estimate, std::size_t row) const {
     const Observation& o = measured.observations[row];
-    return o.position - predicted_point(estimate, flange_poses(robot.model, estimate, measured), o);
+    return o.position() - predicted_point(estimate, flange_poses(robot.model, estimate, measured), o);
   }
 };
 
@@ -164,7 +164,7 @@ TEST(ReportBlocks, EveryRowHasItsPointAndResiduals) {
     EXPECT_EQ(point["target"], o.target);
     EXPECT_EQ(point["repeat"], o.repeat);
     EXPECT_EQ(point["test"], o.configuration >= 9);
-    EXPECT_EQ(vector_of(point["measured"]), o.position);
+    EXPECT_EQ(vector_of(point["measured"]), o.position());
     EXPECT_LT((vector_of(point["residual"]) - m.residual(m.robot.truth, row)).norm(), 1e-14);
     EXPECT_LT((vector_of(point["before"]) - m.residual(m.before, row)).norm(), 1e-14);
   }
@@ -191,7 +191,7 @@ TEST(ReportBlocks, RegionAndRangesAreThoseOfTheFittedRows) {
     Eigen::AlignedBox3d region;
     for (const Observation& o : m.measured.observations) {
       if (all || o.configuration < 9) {
-        region.extend(Vector3d(m.robot.truth.X_WB.inverse() * o.position));
+        region.extend(Vector3d(m.robot.truth.X_WB.inverse() * o.position()));
       }
     }
     const Json block = m.block();

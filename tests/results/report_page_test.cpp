@@ -162,7 +162,7 @@ TEST(ReportPage, PointsHaveTheirPlaceInTheOrderOfMeasurementWhereThatIsStated) {
   EXPECT_FALSE(points()[0].contains("order"));
   const auto rows = static_cast<std::int64_t>(setting.measurements.observations.size());
   for (std::int64_t row = 0; row < rows; ++row) {
-    setting.measurements.order.push_back(1000 - row);
+    setting.measurements.observations[static_cast<std::size_t>(row)].order = 1000 - row;
   }
   const Json with_order = points();
   ASSERT_EQ(with_order.size(), setting.measurements.observations.size());

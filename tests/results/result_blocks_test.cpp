@@ -33,7 +33,7 @@ struct Rows {
     for (std::size_t i = 0; i < off.size(); ++i) {
       const bool second = i % 3 == 1;
       const KDL::Vector p = pose * KDL::Vector(0.0, 0.0, second ? 0.1 : 0.0);
-      measured.observations.push_back({.position = Eigen::Vector3d(p.x(), p.y(), p.z() + 1e-4 * off[i]),
+      measured.observations.push_back({.reading = Point{Eigen::Vector3d(p.x(), p.y(), p.z() + 1e-4 * off[i])},
                                        .configuration = i % 2 == 1 ? 1 : 0,
                                        .target = second ? 1 : 0,
                                        .repeat = static_cast<std::int32_t>(i),

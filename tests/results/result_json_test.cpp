@@ -111,7 +111,7 @@ void add_cases_of_points(std::vector<Case>& cases) {
   cases.push_back(s.calibrated("known targets", plain, {.parameters = {.known_targets = s.robot.truth.targets}}));
   cases.push_back(s.calibrated("hardly enough", s.measured(s.configurations(5), kPoints)));
   Measurements mistyped = plain;
-  mistyped.observations[40].position.y() += 0.01;
+  mistyped.observations[40].position().y() += 0.01;
   cases.push_back(s.calibrated("robust loss", mistyped, {.estimator = {.loss = Loss::tukey}}));
   CalibrationSettings stated{.predict_at = {{"first", "second"}, s.configurations(2)}};
   stated.noise.stated.independent = Eigen::Vector3d(1e-5, 2e-5, 3e-5);
@@ -203,7 +203,8 @@ Case made_up() {
   c.measurements.joint_values = Eigen::MatrixXd::Zero(5, 2);
   c.measurements.configurations = {"first", "second"};
   c.measurements.targets = {"A", "B"};
-  c.measurements.observations = {{.configuration = 0, .target = 1}, {.configuration = 1, .target = 0}};
+  c.measurements.observations = {{.reading = Point{{1.0, 2.0, 3.0}}, .configuration = 0, .target = 1},
+                                 {.reading = Point{{4.0, 5.0, 6.0}}, .configuration = 1, .target = 0}};
   CalibrationResult& found = c.calibration;
   found.model = complete_model(parse_robot(kOddArm));
   found.fit.identification = {.termination = Termination::stalled, .message = "stands", .iterations = 7};
@@ -505,7 +506,7 @@ TEST(ResultJson, ResidualsAreMeasuredMinusKdlsPrediction) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       const Observation& o = c.measurements.observations[i];
       const KDL::Vector p = predicted_point(poses[static_cast<std::size_t>(o.configuration)], estimate, o.target);
-      const Eigen::Vector3d residual = o.position - Eigen::Vector3d(p.x(), p.y(), p.z());
+      const Eigen::Vector3d residual = o.position() - Eigen::Vector3d(p.x(), p.y(), p.z());
       for (Eigen::Index k = 0; k < 3; ++k) {
         EXPECT_NEAR(rows[i]["residual"][static_cast<std::size_t>(k)], residual[k], 1e-12) << c.name << i;
       }
@@ -522,7 +523,7 @@ std::vector<double> distances_by_hand(const ErrorModel& model, const Estimate& e
   for (const Observation& o : measurements.observations) {
     if (o.split == split) {
       const KDL::Vector p = predicted_point(poses[static_cast<std::size_t>(o.configuration)], estimate, o.target);
-      distances.push_back(std::hypot(o.position.x() - p.x(), o.position.y() - p.y(), o.position.z() - p.z()));
+      distances.push_back(std::hypot(o.position().x() - p.x(), o.position().y() - p.y(), o.position().z() - p.z()));
     }
   }
   return distances;

@@ -50,7 +50,7 @@ struct Made {
     measured.joint_values.row(1).setLinSpaced(-0.4, 0.5);
     for (std::int32_t i = 0; i < 7; ++i) {
       measured.configurations.push_back("c" + std::to_string(i + 1));
-      measured.observations.push_back({.position = Eigen::Vector3d::Zero(), .configuration = i});
+      measured.observations.push_back({.reading = Point{Eigen::Vector3d::Zero()}, .configuration = i});
     }
     measured.observations.back().split = Split::test;
     measured.targets = {"A", "B"};

@@ -306,7 +306,6 @@ TEST(SavedCalibrationLongRun, OfNineHundredThousandRowsIsRead) {
   for (std::size_t row = once.size(); row < 900000; ++row) {
     many.measured.observations.push_back(once[row % once.size()]);
   }
-  many.measured.orientations.resize(900000, many.measured.orientations.front());
   many.calibration.fit.robust.weights.assign(900000, 0.12345678901234567);
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_saved_test.json";
   std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.options, many.calibration);

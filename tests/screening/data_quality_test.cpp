@@ -85,7 +85,7 @@ void slip_target(const ErrorModel& model, const Estimate& estimate, Measurements
   const auto X_BF = flange_poses(model, estimate, measurements.joint_values);
   for (Observation& observation : measurements.observations) {
     if (observation.target == slip.target && observation.configuration >= slip.after) {
-      observation.position +=
+      observation.position() +=
           estimate.X_WB.linear() * X_BF[static_cast<std::size_t>(observation.configuration)].linear() * slip.step;
     }
   }
@@ -144,7 +144,7 @@ Measurements heavy_tailed(std::uint64_t seed) {
   Measurements measured = experiment().measured(seed, kSmall, 0.0);
   Random random(seed, 1);
   for (Observation& observation : measured.observations) {
-    for (double& coordinate : observation.position) {
+    for (double& coordinate : observation.position()) {
       const double value = random.normal();
       double squares = 0.0;
       for (int i = 0; i < 4; ++i) {
@@ -165,7 +165,7 @@ int typing_errors_named(std::uint64_t seeds, double amount) {
   int named = 0;
   for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     Measurements measured = experiment().measured(seed, kSmall, kNoise);
-    measured.observations[seed * 7 % measured.observations.size()].position[static_cast<Eigen::Index>(seed % 3)] +=
+    measured.observations[seed * 7 % measured.observations.size()].position()[static_cast<Eigen::Index>(seed % 3)] +=
         amount;
     const std::vector<QualityFinding> findings = experiment().findings(measured);
     named += findings.size() == 1 && findings[0].kind == QualityKind::mistyped_coordinate ? 1 : 0;
@@ -264,12 +264,12 @@ TEST(DataQuality, NamesTheRepeatOfASwapAndARing) {
   Measurements measured = experiment().measured(2, kSmall, kNoise, 3);
   Observation& a = row(measured, 4, 0, 2);
   Observation& b = row(measured, 4, 1, 2);
-  std::swap(a.position, b.position);
+  std::swap(a.position(), b.position());
   for (int repeat = 1; repeat <= 3; ++repeat) {
-    const Eigen::Vector3d first = row(measured, 9, 0, repeat).position;
-    row(measured, 9, 0, repeat).position = row(measured, 9, 1, repeat).position;
-    row(measured, 9, 1, repeat).position = row(measured, 9, 2, repeat).position;
-    row(measured, 9, 2, repeat).position = first;
+    const Eigen::Vector3d first = row(measured, 9, 0, repeat).position();
+    row(measured, 9, 0, repeat).position() = row(measured, 9, 1, repeat).position();
+    row(measured, 9, 1, repeat).position() = row(measured, 9, 2, repeat).position();
+    row(measured, 9, 2, repeat).position() = first;
   }
   EXPECT_THAT(messages(experiment().findings(measured)),
               ElementsAre("targets A and B are swapped in configuration 4, repeat 2",
@@ -280,9 +280,9 @@ TEST(DataQuality, NamesTheRepeatOfASwapAndARing) {
 
 TEST(DataQuality, SaysInWordsWhichCoordinateAndHowMuch) {
   Measurements measured = experiment().measured(1, kSmall, kNoise, 2);
-  row(measured, 5, 1).position.x() += 0.01;
+  row(measured, 5, 1).position().x() += 0.01;
   for (int repeat = 1; repeat <= 2; ++repeat) {
-    row(measured, 20, 2, repeat).position.z() -= 0.01;
+    row(measured, 20, 2, repeat).position().z() -= 0.01;
   }
   EXPECT_THAT(messages(experiment().findings(measured)),
               ElementsAre("target B in configuration 5, repeat 1: x is off by about 10.0 mm",
@@ -307,7 +307,7 @@ TEST(DataQuality, NamesAllThatIsWrongAtOnce) {
   Measurements measured = experiment().measured(4, kSmall, kNoise);
   slip_target(experiment().model, experiment().fitted(measured), measured, {2, 12, {0.0, 0.001, 0.0}});
   swap_targets(measured, 7, 0, 1);
-  row(measured, 5, 1).position.x() += 0.01;
+  row(measured, 5, 1).position().x() += 0.01;
   EXPECT_THAT(messages(experiment().findings(measured)),
               ElementsAre("target C slipped by about 1.0 mm after configuration 12",
                           "target B in configuration 5, repeat 1: x is off by about 10.0 mm",
@@ -471,7 +471,7 @@ TEST(DataQualityOnRealData, NamesDefectsPutIntoTheFanucSeries) {
       EXPECT_NEAR(findings[0].amount, 0.001, 0.0002);
 
       Measurements mistyped = clean;
-      row(mistyped, 5, target, 3).position[axis] += 0.01;
+      row(mistyped, 5, target, 3).position()[axis] += 0.01;
       const std::vector<QualityFinding> typing = experiment().findings(mistyped);
       ASSERT_EQ(typing.size(), 1U) << name << axis << ::testing::PrintToString(messages(typing));
       EXPECT_THAT(typing[0].message, HasSubstr("target " + name + " in configuration 5, repeat 3: " +

@@ -40,7 +40,7 @@ struct Tool {
       for (int repeat = 1; repeat <= repeats; ++repeat) {
         for (std::size_t k = 0; k < points.size(); ++k) {
           const Vector3d error = noise * Vector3d{random.normal(), random.normal(), random.normal()};
-          measured.observations.push_back({.position = place + turns.back() * points[k] + error,
+          measured.observations.push_back({.reading = Point{place + turns.back() * points[k] + error},
                                            .configuration = c,
                                            .target = static_cast<int>(k),
                                            .repeat = repeat});
@@ -52,7 +52,7 @@ struct Tool {
   void move(int configuration, int target, const Vector3d& step) {
     for (Observation& o : measured.observations) {
       if (o.configuration == configuration && o.target == target) {
-        o.position += turns[static_cast<std::size_t>(configuration)] * step;
+        o.position() += turns[static_cast<std::size_t>(configuration)] * step;
       }
     }
   }
@@ -158,7 +158,7 @@ TEST(DistanceCheck, RefusesWhatDoesNotHoldTogether) {
   Tool tool(kTriangle, 4, 1, 1e-5, Random(9));
   EXPECT_THAT(messages(check_distances(tool.measured)), IsEmpty());
   EXPECT_THAT(refusal([&] { check_distances(tool.measured, {.smallest_slip = -1.0}); }), HasSubstr("smallest slip"));
-  tool.measured.observations[2].position.y() = std::nan("");
+  tool.measured.observations[2].position().y() = std::nan("");
   EXPECT_THAT(refusal([&] { check_distances(tool.measured); }), HasSubstr("observation 2"));
 }
 

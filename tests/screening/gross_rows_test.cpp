@@ -24,7 +24,7 @@ GrossRows found_in(const testing::VirtualExperiment& experiment, const Measureme
 void displace(Measurements& measured, std::int32_t configuration, std::int32_t target, const Eigen::Vector3d& by) {
   for (Observation& o : measured.observations) {
     if (o.configuration == configuration && (target < 0 || o.target == target)) {
-      o.position += by;
+      o.position() += by;
     }
   }
 }

@@ -19,7 +19,7 @@ Measurements with_rows(const std::vector<std::array<int, 3>>& rows) {
   measurements.configurations = {"a", "b", "c"};
   measurements.targets = {"A", "B", "C", "D"};
   for (const auto& [configuration, repeat, target] : rows) {
-    measurements.observations.push_back({.position = Vector3d::Zero(),
+    measurements.observations.push_back({.reading = Point{Vector3d::Zero()},
                                          .configuration = configuration,
                                          .target = target,
                                          .repeat = repeat,

@@ -79,7 +79,7 @@ struct Known {
 TEST(ResidualCheck, HasNothingToSayWhereARobustFitMayFollowAnyRow) {
   for (const bool many : {true, false}) {
     Known known({.configurations = many ? 12 : 10, .errors = many ? 0 : 6, .targets = {kThree[0]}});
-    known.row(3, 0).position.y() += 0.01;
+    known.row(3, 0).position().y() += 0.01;
     EXPECT_EQ(known.findings().size(), many ? 1U : 0U);
   }
 }
@@ -92,7 +92,7 @@ TEST(ResidualCheck, NamesASlipItsTargetAndItsStepInTheFlange) {
   EXPECT_THAT(messages(known.findings()), IsEmpty());
   for (Observation& o : known.measured.observations) {
     if (o.target == 2 && o.configuration >= 9) {
-      o.position += known.truth.X_WB.linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
+      o.position() += known.truth.X_WB.linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
     }
   }
   const std::vector<QualityFinding> found = known.findings();
@@ -110,8 +110,8 @@ TEST(ResidualCheck, TellsAMistypedCoordinateFromADisplacedPoint) {
   Known known({.targets = {kThree[0], kThree[1], kThree[2], {0.0, 0.1, 0.1}}});
   const Vector3d along_y(0.0, -0.01, 0.00004);
   const Vector3d along_two(0.003, 0.0, -0.004);
-  known.row(3, 1).position += along_y;
-  known.row(6, 2).position += along_two;
+  known.row(3, 1).position() += along_y;
+  known.row(6, 2).position() += along_two;
   const std::vector<QualityFinding> found = known.findings();
   ASSERT_EQ(found.size(), 2U) << ::testing::PrintToString(messages(found));
   EXPECT_EQ(found[0].kind, QualityKind::mistyped_coordinate);
@@ -128,7 +128,7 @@ TEST(ResidualCheck, TellsAMistypedCoordinateFromADisplacedPoint) {
 
 TEST(ResidualCheck, TheOnlyRowOfAConfigurationIsARowByItself) {
   Known known({.configurations = 30, .targets = {kThree[0]}});
-  known.row(3, 0).position += Vector3d(0.02, 0.0, 0.0);
+  known.row(3, 0).position() += Vector3d(0.02, 0.0, 0.0);
   EXPECT_THAT(messages(known.findings()),
               ElementsAre(HasSubstr("target A in configuration 4, repeat 1: x is off by ")));
 }
@@ -136,7 +136,7 @@ TEST(ResidualCheck, TheOnlyRowOfAConfigurationIsARowByItself) {
 TEST(ResidualCheck, AllRowsFarOffTogetherAreAFindingOfTheConfiguration) {
   Known known({.seed = 12});
   for (int target = 0; target < 3; ++target) {
-    known.row(5, target).position += 0.02 * Vector3d(0.48, 0.8 + 0.1 * target, -0.36);
+    known.row(5, target).position() += 0.02 * Vector3d(0.48, 0.8 + 0.1 * target, -0.36);
   }
   const std::vector<QualityFinding> found = known.findings();
   ASSERT_EQ(found.size(), 1U) << ::testing::PrintToString(messages(found));
@@ -152,11 +152,11 @@ TEST(ResidualCheck, ARowIsThatOfTheNearestOther) {
   const Scene scene{.targets = {kThree[0], {0.1, 0.0, 0.1}, {0.0, 0.0, 0.1}, {0.0, 0.003, 0.1}}};
   for (const int target : {2, 3}) {
     Known known(scene);
-    known.row(4, 1).position = known.expected(4, static_cast<std::size_t>(target)) + Vector3d(0.0, 1e-4, 0.0);
+    known.row(4, 1).position() = known.expected(4, static_cast<std::size_t>(target)) + Vector3d(0.0, 1e-4, 0.0);
     const std::vector<QualityFinding> found = known.findings();
     ASSERT_EQ(found.size(), 1U) << ::testing::PrintToString(messages(found));
     EXPECT_THAT(found[0].targets, ElementsAre("B", target == 2 ? "C" : "D"));
-    const Vector3d offset = known.row(4, 1).position - known.expected(4, 1);
+    const Vector3d offset = known.row(4, 1).position() - known.expected(4, 1);
     EXPECT_LT((found[0].offset - offset).norm(), 1e-12);
     EXPECT_NEAR(found[0].amount, offset.norm(), 1e-12);
   }
@@ -168,7 +168,7 @@ TEST(ResidualCheck, RowsInARingAreSwappedAndThoseThatLeadToOneAreMistaken) {
     Known known({.targets = four});
     for (int target = 0; target < 4; ++target) {
       const std::size_t place = places[static_cast<std::size_t>(target)];
-      known.row(7, target).position = known.expected(7, place) + Vector3d(1e-5, 0.0, 0.0);
+      known.row(7, target).position() = known.expected(7, place) + Vector3d(1e-5, 0.0, 0.0);
     }
     return messages(known.findings());
   };
@@ -184,17 +184,17 @@ TEST(ResidualCheck, RowsInARingAreSwappedAndThoseThatLeadToOneAreMistaken) {
 
 TEST(ResidualCheck, ARowMayBeThatOfATargetWithoutOne) {
   Known known({.seed = 13});
-  known.row(7, 0).position = known.expected(7, 2);
+  known.row(7, 0).position() = known.expected(7, 2);
   known.measured.observations.erase(known.measured.observations.begin() + (&known.row(7, 2) - &known.row(0, 0)));
   EXPECT_THAT(messages(known.findings()), ElementsAre("target A in configuration 8 lies where target C is"));
 }
 
 TEST(ResidualCheck, ASwapIsAsFarAsItsFirstRowIsOff) {
   Known known({.seed = 14});
-  std::swap(known.row(7, 0).position, known.row(7, 2).position);
+  std::swap(known.row(7, 0).position(), known.row(7, 2).position());
   const std::vector<QualityFinding> found = known.findings();
   ASSERT_EQ(found.size(), 1U) << ::testing::PrintToString(messages(found));
-  const Vector3d offset = known.row(7, 0).position - known.expected(7, 0);
+  const Vector3d offset = known.row(7, 0).position() - known.expected(7, 0);
   EXPECT_LT((found[0].offset - offset).norm(), 1e-12);
   EXPECT_NEAR(found[0].amount, offset.norm(), 1e-12);
 }
@@ -214,7 +214,7 @@ Known shifted(int repeats) {
     shift = 0.002 * random.normal();
   }
   for (Observation& o : known.measured.observations) {
-    o.position += shifts.col(o.configuration);
+    o.position() += shifts.col(o.configuration);
   }
   return known;
 }
@@ -240,20 +240,20 @@ void push_away(Known& known, int configuration, int target, int repeat = 1) {
   for (int other = 0; other < 4; ++other) {
     others += other == target ? Vector3d::Zero() : Vector3d(known.expected(configuration, std::size_t(other)) / 3.0);
   }
-  known.row(configuration, target, repeat).position +=
+  known.row(configuration, target, repeat).position() +=
       0.004 * (known.expected(configuration, std::size_t(target)) - others).normalized();
 }
 
 TEST(DataQuality, WhatDistancesShowOfTheSameRowIsNotSaidTwice) {
   Known known = shifted(2);
   EXPECT_THAT(where_of(known), IsEmpty());
-  known.row(4, 1, 2).position += kHuge;
+  known.row(4, 1, 2).position() += kHuge;
   EXPECT_THAT(where_of(known), ElementsAre("5/2B"));
 }
 
 TEST(DataQuality, WhatDistancesShowOfAnotherTargetConfigurationOrRepeatIsSaid) {
   Known known = shifted(2);
-  known.row(4, 1, 2).position += kHuge;
+  known.row(4, 1, 2).position() += kHuge;
   Known target = known;
   push_away(target, 4, 3, 2);
   EXPECT_THAT(where_of(target), ElementsAre("5/2B", "5/2D"));
@@ -261,7 +261,7 @@ TEST(DataQuality, WhatDistancesShowOfAnotherTargetConfigurationOrRepeatIsSaid) {
   push_away(configuration, 8, 1, 2);
   EXPECT_THAT(where_of(configuration), ElementsAre("5/2B", "9/2B"));
   Known repeat = shifted(3);
-  repeat.row(4, 1, 2).position += kHuge;
+  repeat.row(4, 1, 2).position() += kHuge;
   push_away(repeat, 4, 1, 1);
   EXPECT_THAT(where_of(repeat), ElementsAre("5/2B", "5/1B"));
 }
@@ -272,7 +272,7 @@ TEST(DataQuality, ASlipAndARowThatIsOffAreDifferentMatters) {
   const auto slip = [&](int target, const Vector3d& step) {
     for (Observation& o : known.measured.observations) {
       if (o.target == target && o.configuration >= 12) {
-        o.position += known.truth.X_WB.linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
+        o.position() += known.truth.X_WB.linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
       }
     }
   };
@@ -291,7 +291,7 @@ TEST(ResidualCheck, RefusesWhatDoesNotHoldTogether) {
   Known estimate = known;
   estimate.truth.targets.pop_back();
   EXPECT_THAT(refusal([&] { estimate.findings(); }), HasSubstr("targets of an estimate"));
-  known.measured.observations[2].position.y() = std::nan("");
+  known.measured.observations[2].position().y() = std::nan("");
   EXPECT_THAT(refusal([&] { known.findings(); }), HasSubstr("observation 2"));
 }
 

@@ -58,7 +58,7 @@ VectorXd residual(const ErrorModel& model, const Estimate& estimate, const Measu
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, q);
   Observation only = o;
   only.configuration = 0;
-  return (o.position - predicted_point(estimate, X_BF, only)) / o.sigma;
+  return (o.position() - predicted_point(estimate, X_BF, only)) / o.sigma;
 }
 
 TEST(EffectCandidates, RowsAreThoseOfThePredictionAtNoErrorsAndNoEffects) {

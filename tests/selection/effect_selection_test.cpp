@@ -454,7 +454,7 @@ TEST(EffectSelection, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
   const Eigen::Isometry3d X =
       Eigen::Translation3d(-3.0, 1.0, 2.0) * Eigen::AngleAxisd(1.3, Eigen::Vector3d(0.2, 0.5, -0.4).normalized());
   for (Observation& o : elsewhere.measured.observations) {
-    o.position = X * o.position;
+    o.position() = X * o.position();
   }
   elsewhere.fit();
   expect_same_choice(elsewhere.choice(), expected, "another frame");
@@ -470,7 +470,7 @@ TEST(EffectSelection, DoesNotDependOnTheFrameOnCopiesNorOnTestRows) {
   for (Observation o : arm.measured.observations) {
     o.repeat = 2;
     o.split = Split::test;
-    o.position.x() += 0.1;
+    o.position().x() += 0.1;
     with_test_rows.measured.observations.push_back(o);
   }
   expect_same_choice(with_test_rows.choice(), expected, "test rows");
@@ -733,7 +733,7 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
     const AskedPoint& with = known.uncertainty.predicted.asked[i];
     const AskedPoint& without = unknown.uncertainty.predicted.asked[i];
     EXPECT_GT(without.radius_95, with.radius_95);
-    const Eigen::Vector3d error = unseen.observations[i].position - without.position_W;
+    const Eigen::Vector3d error = unseen.observations[i].position() - without.position_W;
     normalised += error.squaredNorm() / (without.sigma * without.sigma);
     // The play of every joint, by the nominal arm's joints moved by hand.
     const auto c = static_cast<Eigen::Index>(i / 3);
@@ -777,7 +777,7 @@ TEST(DriveEffects, EveryStageOfACalibrationKnowsThem) {
     Random random(8);
     for (Observation& o : unseen.observations) {
       o.split = Split::test;
-      for (double& coordinate : o.position) {
+      for (double& coordinate : o.position()) {
         coordinate += kNoise * random.normal();
       }
     }

@@ -26,7 +26,7 @@ using testing::VirtualExperiment;
 TEST(ConfigurationSystem, RowsAreThoseOfEachConfiguration) {
   Measurements measured;
   for (const int configuration : {3, 1, 3, 0, 1, 3}) {
-    measured.observations.push_back({.position = Vector3d::Zero(), .configuration = configuration});
+    measured.observations.push_back({.reading = Point{Vector3d::Zero()}, .configuration = configuration});
   }
   const std::vector<std::pair<std::int32_t, std::vector<std::size_t>>> expected = {
       {0, {3}}, {1, {1, 4}}, {3, {0, 2, 5}}};
@@ -54,11 +54,10 @@ struct Trial {
       return (o.configuration != 4 || o.target == 1) && (o.configuration != 5 || o.target != 1 || o.repeat == 2);
     });
     std::swap(measured.observations[0], measured.observations[7]);
-    std::swap(measured.orientations[0], measured.orientations[7]);
     for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-      const Observation& o = measured.observations[row];
+      Observation& o = measured.observations[row];
       if (o.target == 0 || (o.target == 2 && o.configuration % 3 == 1) || (o.target == 1 && o.repeat == 2)) {
-        measured.orientations[row] = point_alone();
+        testing::remove_orientation(o);
       }
       if (weights) {
         fit.options.joint.residuals.row_weights.push_back(row % 3 == 1 ? 0.3 : 1.0);

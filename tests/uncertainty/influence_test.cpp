@@ -110,7 +110,7 @@ TEST(Influence, LeveragesOfPosesOfAnyWeightAddUpToWhatTheRowsDecide) {
     Observation& o = measured.observations[row];
     o.split = o.configuration % 11 == 3 ? Split::test : Split::train;
     if (alone(o.configuration, o.target)) {
-      measured.orientations[row] = point_alone();
+      testing::remove_orientation(o);
     }
     options.row_weights.push_back(row == 30 ? 40.0 : row % 5 == 2 ? 0.3 : 1.0);
   }

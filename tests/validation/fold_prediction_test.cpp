@@ -96,7 +96,7 @@ Mean mean_of(const Measurements& measurements, Index configuration, int target) 
   for (const Observation& o : measurements.observations) {
     if (o.configuration == configuration && o.target == target && o.split == Split::train) {
       mean.rows += 1.0;
-      mean.position += o.position;
+      mean.position += o.position();
     }
   }
   mean.position /= mean.rows;
@@ -198,9 +198,9 @@ TEST(FoldPrediction, OfPosesTakesTheirOrientationsIntoAccount) {
   testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(2)), .X_WB = askew()});
   Measurements measured =
       testing::without_sigmas(experiment.measure(20, {.sigma = 1e-5, .orientation_sigma = 1e-5, .repeats = 2}));
-  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-    if (const Observation& o = measured.observations[row]; o.configuration % 4 == 1 && o.target == 0) {
-      measured.orientations[row] = point_alone();
+  for (Observation& o : measured.observations) {
+    if (o.configuration % 4 == 1 && o.target == 0) {
+      testing::remove_orientation(o);
     }
   }
   const FitProblem problem = at_optimum(experiment, measured);

@@ -40,7 +40,7 @@ private:
     testing::VirtualExperiment again = arm();
     Measurements result = testing::without_sigmas(again.measure(20));
     for (Observation& o : result.observations) {
-      for (double& coordinate : o.position) {
+      for (double& coordinate : o.position()) {
         coordinate += size * again.random.uniform(-1.0, 1.0);
       }
     }

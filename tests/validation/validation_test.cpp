@@ -8,6 +8,7 @@
 #include <map>
 #include <numeric>
 
+#include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
 #include "planning/simulation.hpp"
 #include "validation/folds.hpp"
@@ -48,7 +49,7 @@ private:
 
 TEST(Validation, PositionErrorsAreTheDistancesToThePrediction) {
   Fixture f;
-  f.measured.observations[7].position += Eigen::Vector3d(0.0, 0.003, 0.004);
+  f.measured.observations[7].position() += Eigen::Vector3d(0.0, 0.003, 0.004);
   f.measured.observations[8].split = Split::test;
   const std::vector<double> all = position_errors(f.model, f.robot.truth, f.measured);
   ASSERT_EQ(all.size(), 60U);
@@ -70,7 +71,7 @@ TEST(Validation, FiguresOfIso9283AreTheStandardsFormulas) {
     int repeat = 0;
     for (const double x : {-0.003, 0.0, 0.006}) {  // mean 0.001; distances from it 0.004, 0.001, 0.005
       Observation& o = measured.observations.emplace_back(point);
-      o.position = predicted + Eigen::Vector3d(x, 0.002, 0.0);
+      o.position() = predicted + Eigen::Vector3d(x, 0.002, 0.0);
       o.repeat = ++repeat;
     }
     if (point.configuration == 1) {
@@ -166,11 +167,10 @@ TEST(Validation, FoldsCanBeLeftOutWhereAsManyEquationsAsUnknownsStay) {
   testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(2))});
   Measurements measured =
       subset(experiment.measure(6), [](const Observation& o) { return !(o.configuration == 5 && o.target == 1); });
-  for (std::size_t row = 0; row < measured.observations.size(); ++row) {
-    Observation& o = measured.observations[row];
+  for (Observation& o : measured.observations) {
     o.split = o.configuration == 4 ? Split::test : Split::train;
     if (o.target == 1 && o.configuration < 3) {
-      measured.orientations[row] = point_alone();
+      testing::remove_orientation(o);
     }
   }
   // Equations: three configurations of 6 + 3, one of 12, one of test rows, one of 6.
@@ -183,7 +183,7 @@ TEST(Validation, FoldsCanBeLeftOutWhereAsManyEquationsAsUnknownsStay) {
   EXPECT_FALSE(can_be_left_out(measured, {{5}, {4}}, 40));
   EXPECT_FALSE(can_be_left_out(measured, {{0}}, 1)) << "a single fold leaves nobody to predict it by";
   EXPECT_FALSE(can_be_left_out(measured, {}, 1));
-  measured.orientations.clear();
+  measured = without_orientations(std::move(measured));
   EXPECT_TRUE(can_be_left_out(measured, singly, 21));
   EXPECT_FALSE(can_be_left_out(measured, singly, 22));
 }
@@ -253,7 +253,7 @@ TEST(Validation, ARefittedFoldIsPredictedPointByPoint) {
                                               static_cast<std::size_t>(found.targets[i])];
     const Eigen::Vector3d predicted =
         testing::kdl_point(chain, refit, f.measured.joint_values.col(o.configuration), o.target);
-    EXPECT_LT((found.residuals[i] - (o.position - predicted)).norm(), 1e-9);
+    EXPECT_LT((found.residuals[i] - (o.position() - predicted)).norm(), 1e-9);
   }
   problem.options.joint.max_iterations = 1;
   EXPECT_FALSE(refit_without(problem, {9, 4}).converged);

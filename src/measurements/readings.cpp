@@ -1,0 +1,121 @@
+#include "measurements/readings.hpp"
+
+#include <algorithm>
+
+#include "base/decompositions.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Matrix3d;
+using Eigen::Matrix3Xd;
+using Eigen::Vector3d;
+
+Vector3d measured_minus_predicted(const Reading& reading, const Vector3d& f) {
+  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
+    return directions(*some) * (some->position - f);
+  }
+  if (const auto* const distance = std::get_if<Distance>(&reading)) {
+    return (distance->length - (f - distance->anchor).norm()) * from_anchor(distance->anchor, f);
+  }
+  const auto* const pose = std::get_if<Pose>(&reading);
+  return (pose == nullptr ? std::get<Point>(reading).position : pose->position) - f;
+}
+
+Matrix3d directions(const Reading& reading, const Vector3d& f) {
+  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
+    return directions(*some);
+  }
+  if (const auto* const distance = std::get_if<Distance>(&reading)) {
+    const Vector3d n = from_anchor(distance->anchor, f);
+    return n * n.transpose();
+  }
+  return Matrix3d::Identity();
+}
+
+Matrix3d directions(const Coordinates& coordinates) {
+  const Matrix3d along = coordinates.normal * coordinates.normal.transpose();
+  return coordinates.count == 1 ? along : Matrix3d(Matrix3d::Identity() - along);
+}
+
+int dimension(const Reading& reading) {
+  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
+    return some->count;
+  }
+  return std::holds_alternative<Distance>(reading) ? 1 : 3;
+}
+
+int dimension(const Measurements& measurements) {
+  int sum = 0;
+  for (const Observation& observation : measurements.observations) {
+    sum += dimension(observation.reading);
+  }
+  return sum;
+}
+
+Reading reading_along(const Matrix3d& information, const Vector3d& position) {
+  const Matrix3Xd R = root_of_directions(information);
+  if (R.cols() == 3) {
+    return Point{position};
+  }
+  const Vector3d normal = R.cols() == 1 ? Vector3d(R) : Vector3d(R.col(0)).cross(Vector3d(R.col(1)));
+  return Coordinates{.position = position, .normal = normal.normalized(), .count = static_cast<std::int8_t>(R.cols())};
+}
+
+bool has_single_coordinates(const Measurements& measurements) {
+  return !std::all_of(measurements.observations.begin(), measurements.observations.end(), is_whole);
+}
+
+std::size_t rows_of_single_coordinates(const Measurements& measurements) {
+  const auto& rows = measurements.observations;
+  return rows.size() - static_cast<std::size_t>(std::count_if(rows.begin(), rows.end(), is_whole));
+}
+
+bool has_orientations(const Measurements& measurements) {
+  return std::any_of(measurements.observations.begin(), measurements.observations.end(), has_orientation);
+}
+
+bool has_order(const Measurements& measurements) {
+  return !measurements.observations.empty() &&
+         std::all_of(measurements.observations.begin(), measurements.observations.end(),
+                     [](const Observation& observation) { return observation.order.has_value(); });
+}
+
+Measurements whole_points(const Measurements& measurements) { return subset(measurements, is_whole); }
+
+Measurements without_orientations(Measurements measurements) {
+  for (Observation& observation : measurements.observations) {
+    if (has_orientation(observation)) {
+      observation.reading = Point{observation.position()};
+    }
+  }
+  return measurements;
+}
+
+Measurements without_order(Measurements measurements) {
+  for (Observation& observation : measurements.observations) {
+    observation.order.reset();
+  }
+  return measurements;
+}
+
+Vector3d from_anchor(const Vector3d& anchor, const Vector3d& point) {
+  const double distance = (point - anchor).norm();
+  return distance > 0.0 ? Vector3d((point - anchor) / distance) : Vector3d::UnitX();
+}
+
+Matrix3Xd root_of_directions(const Matrix3d& information) {
+  constexpr double kNothing = 1e-12;  // of the largest eigenvalue
+  const auto [values, vectors] = spectrum(information);
+  const Eigen::Index count = (values.array() > kNothing * values[2]).count();
+  return vectors.rightCols(count) * values.tail(count).cwiseSqrt().asDiagonal();
+}
+
+Matrix3d projector(const Matrix3Xd& R) {
+  return R * R.colwise().squaredNorm().cwiseInverse().asDiagonal() * R.transpose();
+}
+
+Matrix3d inverse_on_directions(const Matrix3Xd& R) {
+  return R * R.colwise().squaredNorm().cwiseAbs2().cwiseInverse().asDiagonal() * R.transpose();
+}
+
+}  // namespace kdl_calibration

@@ -1,0 +1,59 @@
+#pragma once
+
+// What the reading of a row says of its target.
+
+#include <Eigen/Core>
+#include <cstddef>
+
+#include "kdl_calibration/measurements.hpp"
+
+namespace kdl_calibration {
+
+/// Measured minus predicted position [m] in W, for a point predicted at f: P (z - f), or n (d - |f - a|) for a distance
+/// d from an anchor a.
+Eigen::Vector3d measured_minus_predicted(const Reading& reading, const Eigen::Vector3d& f);
+
+/// The projector P onto the measured directions, minus the derivative of that difference by f. For coordinates it does
+/// not depend on f.
+Eigen::Matrix3d directions(const Reading& reading, const Eigen::Vector3d& f);
+Eigen::Matrix3d directions(const Coordinates& coordinates);
+
+/// Number of measured coordinates of the position, the rank of P: 1, 2 or 3.
+int dimension(const Reading& reading);
+/// Their sum over all rows.
+int dimension(const Measurements& measurements);
+
+/// The coordinates along the directions of `information`, a sum of weighted projectors: a point if it has all three.
+Reading reading_along(const Eigen::Matrix3d& information, const Eigen::Vector3d& position);
+
+inline bool is_whole(const Observation& observation) { return dimension(observation.reading) == 3; }
+inline bool has_orientation(const Observation& observation) { return observation.orientation() != nullptr; }
+inline bool is_distance(const Observation& observation) {
+  return std::holds_alternative<Distance>(observation.reading);
+}
+
+/// Whether some row is no whole point.
+bool has_single_coordinates(const Measurements& measurements);
+std::size_t rows_of_single_coordinates(const Measurements& measurements);
+/// Whether some row is a pose.
+bool has_orientations(const Measurements& measurements);
+/// Whether the order of driving is known.
+bool has_order(const Measurements& measurements);
+
+/// The rows that are whole points, as measurements without single coordinates; none if there are no such rows.
+Measurements whole_points(const Measurements& measurements);
+/// The same rows with points instead of poses.
+Measurements without_orientations(Measurements measurements);
+/// The same rows in no known order.
+Measurements without_order(Measurements measurements);
+
+/// The unit vector from an anchor to a point; any if they are the same.
+Eigen::Vector3d from_anchor(const Eigen::Vector3d& anchor, const Eigen::Vector3d& point);
+
+/// R of information = R R^T, a sum of weighted projectors: one column for each direction that it determines.
+Eigen::Matrix3Xd root_of_directions(const Eigen::Matrix3d& information);
+/// The projector onto these directions, and the pseudo-inverse of R R^T.
+Eigen::Matrix3d projector(const Eigen::Matrix3Xd& R);
+Eigen::Matrix3d inverse_on_directions(const Eigen::Matrix3Xd& R);
+
+}  // namespace kdl_calibration
