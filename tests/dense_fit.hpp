@@ -118,12 +118,12 @@ public:
       X.translation() += axes * motion.head<3>();
       X.linear() = X.linear() * turned_by(motion.tail<3>());
     };
-    move(UnknownGroup::base, 0, result.X_WB, Eigen::Matrix3d(estimate.X_WB.linear()));
+    move(UnknownGroup::base, 0, result.frames.base(), Eigen::Matrix3d(estimate.frames.base().linear()));
     for (const std::size_t p : free_.geometric()) {
       result.errors[static_cast<Eigen::Index>(p)] += step[*free_.column(UnknownGroup::geometric, p)];
     }
-    for (std::size_t k = 0; k < result.targets.size(); ++k) {
-      move(UnknownGroup::targets, 6 * k, result.targets[k].X_FT, Eigen::Matrix3d::Identity());
+    for (std::size_t k = 0; k < result.frames.targets.size(); ++k) {
+      move(UnknownGroup::targets, 6 * k, result.frames.targets[k].X_FT, Eigen::Matrix3d::Identity());
     }
     return result;
   }
@@ -197,8 +197,8 @@ private:
     Eigen::Index at = 0;
     const auto predicted = [&](std::size_t row) {
       const Observation& o = measurements_.observations[row];
-      return estimate.X_WB * X_BF_[static_cast<std::size_t>(o.configuration)] *
-             estimate.targets[static_cast<std::size_t>(o.target)].X_FT;
+      return estimate.frames.base() * X_BF_[static_cast<std::size_t>(o.configuration)] *
+             estimate.frames.targets[static_cast<std::size_t>(o.target)].X_FT;
     };
     for (const std::size_t row : block.rows) {
       e.segment<3>(at) = measurements_.observations[row].position() - predicted(row).translation();

@@ -29,10 +29,10 @@ inline CalibrationOptions geometry_alone() {
 /// Points of the targets in the base frame.
 inline Eigen::Matrix3Xd points(const ErrorModel& model, const Estimate& estimate, const Eigen::MatrixXd& q) {
   const ArmKinematics arm(model, estimate.errors, estimate.effects);
-  Eigen::Matrix3Xd result(3, q.cols() * static_cast<Eigen::Index>(estimate.targets.size()));
+  Eigen::Matrix3Xd result(3, q.cols() * static_cast<Eigen::Index>(estimate.frames.targets.size()));
   Eigen::Index column = 0;
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    for (const TargetFrame& target : estimate.targets) {
+    for (const TargetFrame& target : estimate.frames.targets) {
       result.col(column++) = arm.flange_pose(q.col(c)) * target.X_FT.translation();
     }
   }

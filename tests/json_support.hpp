@@ -34,9 +34,9 @@ Eigen::Isometry3d frame_of(const Json& numbers) {
 
 /// Base, targets and geometric errors that a result, a truth or an answer of kdlcal states.
 inline Estimate estimate_in(const ErrorModel& model, const nlohmann::json& json) {
-  Estimate estimate{.errors = errors_of(model), .X_WB = placed_as(json.at("base"))};
+  Estimate estimate{.errors = errors_of(model), .frames = {.bases = {placed_as(json.at("base"))}}};
   for (const nlohmann::json& target : json.at("targets")) {
-    estimate.targets.emplace_back().X_FT.translation() = vector_of(target.at("position"));
+    estimate.frames.targets.emplace_back().X_FT.translation() = vector_of(target.at("position"));
   }
   for (const nlohmann::json& parameter : json.value("parameters", nlohmann::json::array())) {
     const std::string name = parameter.at("name");

@@ -146,7 +146,7 @@ inline Measured correct_data(std::uint64_t seed) {
 inline Eigen::Isometry3d true_flange(const Measured& m, int configuration) {
   Estimate rigid = m.truth;
   rigid.effects.resize(0);
-  return m.truth.X_WB * flange_poses(m.model, rigid, m.data.joint_values.col(configuration)).front();
+  return m.truth.frames.base() * flange_poses(m.model, rigid, m.data.joint_values.col(configuration)).front();
 }
 
 }  // namespace kdl_calibration::testing

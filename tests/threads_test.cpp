@@ -48,8 +48,8 @@ double number(const std::vector<Value>& values) {
                          [](double sum, const Value& value) { return 0.99 * sum + number(value); });
 }
 double number(const Estimate& estimate) {
-  double sum = estimate.errors.sum() + estimate.X_WB.matrix().sum() + estimate.effects.sum();
-  for (const TargetFrame& target : estimate.targets) {
+  double sum = estimate.errors.sum() + estimate.frames.base().matrix().sum() + estimate.effects.sum();
+  for (const TargetFrame& target : estimate.frames.targets) {
     sum += target.X_FT.matrix().sum();
   }
   return sum;
@@ -113,7 +113,7 @@ struct Shared {
   SizeEstimator sizes{sums, columns, {{6, 7, 8}}};
   std::vector<std::vector<Index>> folds = make_folds(data, 4);
   OptionError error{"noise", "is none", {"weights"}};
-  Experiment experiment = nominal_experiment(model, estimate.targets);
+  Experiment experiment = nominal_experiment(model, estimate.frames.targets);
   TruthComparison comparison = compare_with_truth(model, estimate, start, data.joint_values);
 
   static Measured with_test_rows(Measured measured) {
@@ -291,7 +291,7 @@ std::vector<Asked> functions_up_to_estimation() {
       {"complete_model", [&] { return complete_model(s.robot).parameters.size(); }},
       {"error_chain", [&] { return difference_to_kdl(s.model, s.estimate.errors, s.data.joint_values); }},
       {"flange_poses", [&] { return flange_poses(s.model, s.estimate, s.data.joint_values); }},
-      {"reduced_model", [&] { return reduced_model(s.model, s.estimate.targets).kept; }},
+      {"reduced_model", [&] { return reduced_model(s.model, s.estimate.frames.targets).kept; }},
       {"subset", [&] { return subset(s.data, [](const Observation& row) { return row.target == 1; }); }},
       {"averaged", [&] { return averaged(s.data); }},
       {"training_sample", [&] { return training_sample(s.data, 5); }},

@@ -31,8 +31,8 @@ inline std::vector<std::size_t> all_parameters(const ErrorModel& model) {
 /// Where a target is in the measuring frame, by KDL's solver.
 template <class Index>
 Eigen::Vector3d kdl_point(const KDL::Chain& chain, const Estimate& estimate, const Eigen::VectorXd& q, Index target) {
-  const Eigen::Vector3d in_flange = estimate.targets[static_cast<std::size_t>(target)].X_FT.translation();
-  return estimate.X_WB * (to_eigen(kdl_pose(chain, q)) * in_flange);
+  const Eigen::Vector3d in_flange = estimate.frames.targets[static_cast<std::size_t>(target)].X_FT.translation();
+  return estimate.frames.base() * (to_eigen(kdl_pose(chain, q)) * in_flange);
 }
 
 /// Targets of which not just the position is measured.
@@ -136,14 +136,15 @@ inline double held_out_rms(VirtualExperiment& experiment, const Estimate& estima
   const FoldedChain found = folded(robot.model, estimate.errors);
   double sum = 0.0;
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    const Eigen::Isometry3d X_true = robot.truth.X_WB * flange_pose(truth, q.col(c));
-    const Eigen::Isometry3d X_found = estimate.X_WB * flange_pose(found, q.col(c));
-    for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
-      sum += (X_true * robot.truth.targets[k].X_FT.translation() - X_found * estimate.targets[k].X_FT.translation())
+    const Eigen::Isometry3d X_true = robot.truth.frames.base() * flange_pose(truth, q.col(c));
+    const Eigen::Isometry3d X_found = estimate.frames.base() * flange_pose(found, q.col(c));
+    for (std::size_t k = 0; k < estimate.frames.targets.size(); ++k) {
+      sum += (X_true * robot.truth.frames.targets[k].X_FT.translation() -
+              X_found * estimate.frames.targets[k].X_FT.translation())
                  .squaredNorm();
     }
   }
-  return std::sqrt(sum / static_cast<double>(q.cols() * static_cast<Eigen::Index>(estimate.targets.size())));
+  return std::sqrt(sum / static_cast<double>(q.cols() * static_cast<Eigen::Index>(estimate.frames.targets.size())));
 }
 
 }  // namespace kdl_calibration::testing

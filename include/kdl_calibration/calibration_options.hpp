@@ -43,9 +43,7 @@ struct ParameterOptions {
   ModelChoice model = ModelChoice::irreducible;
   std::vector<std::string> fix = {};   ///< names or patterns with * and ? that are not estimated
   std::vector<std::string> free = {};  ///< names or patterns that are estimated in addition
-  std::optional<Eigen::Isometry3d> known_base = std::nullopt;  ///< X_WB
-  std::vector<TargetFrame> known_targets = {};
-  std::vector<StationBase> known_stations = {};  ///< instead of `known_base`, if there are several stations
+  KnownFrames known = {};              ///< of stations and targets; all others are estimated
 };
 
 // Priors and effects that are not stated are chosen by cross-validation. Plain fits (the two-step estimator, the

@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <cstdint>
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
@@ -148,7 +149,10 @@ struct ErrorModel {
   std::vector<EffectTerm> effects;                    ///< none by default, see joint_effects.hpp
   std::vector<PointMass> link_masses;                 ///< those stated by the URDF
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
-  std::vector<std::string> stations = {};  ///< of the measurements, if several: each has its own pose of the base
+  std::vector<std::string> stations = {"W"};          ///< of the measurements, each with its own pose of the base
+  /// Whether rows may leave directions of a base open: several stations, single coordinates, or a plate. The arm is
+  /// then judged beside the bases.
+  bool has_open_bases = false;
 };
 
 ErrorModel complete_model(const Robot& robot);
@@ -165,7 +169,7 @@ struct Priors {
 
 /// The base in the frame of the measuring device at one of its places.
 struct StationBase {
-  std::string station;
+  std::string station;  ///< its name; may be empty if there is only one
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
 };
 
@@ -174,6 +178,21 @@ struct TargetFrame {
   std::string name;
   Eigen::Isometry3d X_FT = Eigen::Isometry3d::Identity();
   bool with_orientation = false;
+};
+
+/// Poses of the base and of the targets.
+struct Frames {
+  std::vector<Eigen::Isometry3d> bases = {Eigen::Isometry3d::Identity()};  ///< X_WB at each station, at least one
+  std::vector<TargetFrame> targets;
+
+  const Eigen::Isometry3d& base(std::size_t station = 0) const { return bases.at(station); }
+  Eigen::Isometry3d& base(std::size_t station = 0) { return bases.at(station); }
+};
+
+/// Frames that are known and not registered.
+struct KnownFrames {
+  std::vector<StationBase> bases = {};
+  std::vector<TargetFrame> targets = {};
 };
 
 }  // namespace kdl_calibration

@@ -94,11 +94,10 @@ struct Measurements {
   Eigen::MatrixXd joint_values;             ///< joints x configurations, in the URDF's convention [rad] or [m]
   std::vector<std::string> configurations;  ///< labels
   std::vector<std::string> targets;         ///< names of the points on the tool
-  /// Names of the places of the measuring device (or of a plate), each with a frame W of its own; empty: one place
-  /// without a name.
-  std::vector<std::string> stations = {};
-  /// In the order of the file. If a row is no whole point or pose, `stations` has a name. The distances of a
-  /// configuration have the same anchor. Either all rows have an order or none.
+  /// Names of the places of the measuring device (or of a plate), each with a frame W of its own; at least one.
+  std::vector<std::string> stations = {"W"};
+  /// In the order of the file. The distances of a configuration have the same anchor. Either all rows have an order or
+  /// none.
   std::vector<Observation> observations;
   /// One per joint, or empty if unknown. The reader fills it from the header's units, unless a joint convention is
   /// used.

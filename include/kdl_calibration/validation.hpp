@@ -7,7 +7,6 @@
 //     std::cout << errors.all.rms << " m\n";
 //     if (compare(before, after).has_changed()) std::cout << "measure this robot again\n";
 
-#include <Eigen/Geometry>
 #include <optional>
 #include <string>
 #include <vector>
@@ -20,13 +19,6 @@
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
-/// Frames that are known and not registered.
-struct KnownFrames {
-  std::optional<Eigen::Isometry3d> base = std::nullopt;  ///< X_WB
-  std::vector<TargetFrame> targets = {};
-  std::vector<StationBase> stations = {};  ///< instead of `base`, if the measurements have several stations
-};
-
 struct PositionErrors {
   ErrorStatistics all;
   ErrorStatistics train;
@@ -35,11 +27,9 @@ struct PositionErrors {
   std::optional<ErrorStatistics> all_means;
   std::optional<ErrorStatistics> train_means;
   std::optional<ErrorStatistics> test_means;
-  Iso9283 iso_9283;                                        ///< over all rows
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  ///< of the first station
-  std::vector<TargetFrame> targets;
-  std::vector<StationBase> stations;  ///< of each, if there are several
-  std::string ambiguity;              ///< why another base would fit about as well; empty if none would
+  Iso9283 iso_9283;       ///< over all rows
+  Frames frames;          ///< of the measurements' stations and targets, in their order
+  std::string ambiguity;  ///< why another base would fit about as well; empty if none would
 };
 
 /// The robot as its URDF says. Throws InputError: measurements of another robot, fewer coordinates than base and

@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <cstddef>
 #include <functional>
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Lines and fields of a CSV file, and names written as fields. Not installed.
+// Lines and fields of a CSV file, and names written as fields.
 
 #include <cstddef>
 #include <cstdint>

@@ -1,7 +1,7 @@
 #pragma once
 
 // Decompositions of matrices of any size. Eigen's templates take seconds to compile in each source that names them.
-// Here they are compiled once. Not installed.
+// Here they are compiled once.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>

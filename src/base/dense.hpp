@@ -1,7 +1,7 @@
 #pragma once
 
 // Products, factors and inverses of large matrices in the widest registers of the machine. Each entry is summed in the
-// same order in all registers, without fused multiply-add, so that results are the same bits. Not installed.
+// same order in all registers, without fused multiply-add, so that results are the same bits.
 
 #include <Eigen/Core>
 #include <vector>

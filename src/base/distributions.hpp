@@ -1,6 +1,6 @@
 #pragma once
 
-// Tails and critical values of distributions, by Boost.Math. Not installed.
+// Tails and critical values of distributions, by Boost.Math.
 
 namespace kdl_calibration {
 

@@ -1,6 +1,6 @@
 #pragma once
 
-// Parsing of all JSON input. Not installed.
+// Parsing of all JSON input.
 
 #include <fmt/core.h>
 #include <algorithm>

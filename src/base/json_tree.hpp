@@ -1,6 +1,6 @@
 #pragma once
 
-// Values inside a JSON file, with their path for messages. Not installed.
+// Values inside a JSON file, with their path for messages.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>

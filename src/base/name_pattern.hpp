@@ -1,6 +1,6 @@
 #pragma once
 
-// Name patterns with wildcards. Not installed.
+// Name patterns with wildcards.
 
 #include <string_view>
 

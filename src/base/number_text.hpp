@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <fmt/core.h>
 #include <array>
 #include <charconv>

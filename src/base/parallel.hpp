@@ -1,6 +1,6 @@
 #pragma once
 
-// Parallel loops whose results do not depend on the number of threads. Not installed.
+// Parallel loops whose results do not depend on the number of threads.
 
 #include <algorithm>
 #include <atomic>

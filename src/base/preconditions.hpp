@@ -1,6 +1,6 @@
 #pragma once
 
-// Checks of preconditions that types do not express. Not installed.
+// Checks of preconditions that types do not express.
 
 #include <concepts>
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Medians and robust scales. Not installed.
+// Medians and robust scales.
 
 #include <Eigen/Core>
 #include <algorithm>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Apart from the other decompositions because it takes as long to compile as all of them. Not installed.
+// Apart from the other decompositions because it takes as long to compile as all of them.
 
 #include <Eigen/Core>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-// Text functions for messages. Not installed.
+// Text functions for messages.
 
 #include <string>
 #include <string_view>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Distributions reduced to few order statistics. Not installed.
+// Distributions reduced to few order statistics.
 
 #include <algorithm>
 #include <cstddef>

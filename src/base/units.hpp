@@ -1,6 +1,6 @@
 #pragma once
 
-// Units in the headers of tables. Not installed.
+// Units in the headers of tables.
 
 #include <array>
 #include <cstdint>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Line wrapping for terminals. Not installed.
+// Line wrapping for terminals.
 
 #include <cstddef>
 #include <string>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Determined parameters and their uncertainty at the end of a fit. Not installed.
+// Determined parameters and their uncertainty at the end of a fit.
 
 #include <Eigen/Core>
 #include <string>

@@ -64,14 +64,10 @@ RegisteredRobot register_robot(const ErrorModel& model, const Measurements& trai
   RegisteredRobot robot{.model = with_effects(model, {})};
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
   Registration registration = register_base_and_targets(
-      flange_poses(folded(robot.model, nominal), training.joint_values), training, known_frames(options));
-  robot.nominal = {.errors = nominal,
-                   .X_WB = registration.X_WB,
-                   .targets = std::move(registration.targets),
-                   .effects = {},
-                   .other_bases = std::move(registration.other_bases)};
+      flange_poses(folded(robot.model, nominal), training.joint_values), training, {.known = options.known});
+  robot.nominal = {.errors = nominal, .frames = std::move(registration.frames), .effects = {}};
   robot.ambiguity = std::move(registration.message);
-  robot.parameters = select_parameters(robot.model, robot.nominal.targets, options);
+  robot.parameters = select_parameters(robot.model, robot.nominal.frames.targets, options);
   if (earlier != nullptr) {
     robot.parameters = earlier_parameters(robot.model, std::move(robot.parameters), *earlier, options);
   }
@@ -89,7 +85,7 @@ FitProblem rigid_problem(const RegisteredRobot& robot, const Measurements& train
   FitProblem problem{.model = robot.model,
                      .measurements = training,
                      .start = robot.nominal,
-                     .free = Unknowns(robot.model, robot.nominal.targets, robot.parameters.free),
+                     .free = Unknowns(robot.model, robot.nominal.frames.targets, robot.parameters.free),
                      .options = {.loss = options.estimator.loss}};
   JointOptions& joint = problem.options.joint;
   joint.residuals.noise = options.noise.stated;

@@ -19,8 +19,8 @@ void require_no_other_choice(const CalibrationOptions& options) {
   for (const auto& [is_made, option] :
        {std::pair{!is_plain(options.estimator), "method or loss"},
         std::pair{parameters.model != ModelChoice::irreducible, "model"}, std::pair{!parameters.fix.empty(), "fix"},
-        std::pair{!parameters.free.empty(), "free"}, std::pair{parameters.known_base.has_value(), "known base"},
-        std::pair{!parameters.known_targets.empty(), "known targets"},
+        std::pair{!parameters.free.empty(), "free"}, std::pair{!parameters.known.bases.empty(), "known base"},
+        std::pair{!parameters.known.targets.empty(), "known targets"},
         std::pair{priors.stated.length > 0.0 || priors.stated.angle > 0.0 || priors.automatic.value_or(false), "prior"},
         std::pair{!effects.groups.empty() || effects.automatic.value_or(false), "effects"}}) {
     if (is_made) {

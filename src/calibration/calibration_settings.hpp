@@ -28,10 +28,4 @@ inline bool is_plain(const EstimatorOptions& options) {
   return options.method == Method::joint && options.loss == Loss::none;
 }
 
-inline RegistrationOptions known_frames(const ParameterOptions& options) {
-  return {.known_base = options.known_base,
-          .known_targets = options.known_targets,
-          .known_stations = options.known_stations};
-}
-
 }  // namespace kdl_calibration

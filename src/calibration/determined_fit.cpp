@@ -126,7 +126,7 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
   }
   Unknowns free = candidates;
   const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {
-    if (problem.model.stations.empty() && well_conditioned_root(equations.linearise(estimate).hessian)) {
+    if (!problem.model.has_open_bases && well_conditioned_root(equations.linearise(estimate).hessian)) {
       return candidates;
     }
     const Eigen::MatrixXd sqrt_information = equations.whitened_summary(estimate).sqrt_information;
@@ -152,7 +152,7 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
 
 // The named parameters and the effects of the problem.
 Unknowns parameters_of(const FitProblem& problem, const std::vector<std::string>& names) {
-  return Unknowns(problem.model, problem.start.targets, names)
+  return Unknowns(problem.model, problem.start.frames.targets, names)
       .with(problem.model, UnknownGroup::effects, problem.free.effects());
 }
 
@@ -184,8 +184,8 @@ constexpr double kBeyondGeometry = 0.005;  // [m] geometric errors do not leave 
 // Fits the complete set from the start, then the set that the measurements determine at its end.
 DeterminedFit continue_in_complete_model(const FitProblem& complete, const FitRules& rules) {
   const Identification wide = descend(equations_of(complete), complete.start, complete.options.joint, Steps::prior);
-  ParameterSelection choice =
-      select_parameters(complete.model, wide.estimate.targets, rules.parameters, {.errors = wide.estimate.errors});
+  ParameterSelection choice = select_parameters(complete.model, wide.estimate.frames.targets, rules.parameters,
+                                                {.errors = wide.estimate.errors});
   FitProblem from_there = with_free(complete, parameters_of(complete, choice.free));
   from_there.start = wide.estimate;
   DeterminedFit result = assembled(identify_in_gauge(from_there, rules.estimator, Steps::plain),
@@ -231,7 +231,7 @@ DeterminedFit fit_via_complete_model(const FitProblem& problem, const FitProblem
 // Fixes parameters hidden by the noise, unless that raises the misfit by more than 5 %.
 DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRules& rules, DeterminedFit fit) {
   constexpr double kCost = 1.05;
-  ParameterSelection choice = select_parameters(problem.model, problem.start.targets, rules.parameters,
+  ParameterSelection choice = select_parameters(problem.model, problem.start.frames.targets, rules.parameters,
                                                 {.noise = fit.identification.rms / std::sqrt(3.0)});
   const FitProblem seen = with_free(problem, parameters_of(problem, choice.free));
   if (seen.free == fit.candidates) {
@@ -249,7 +249,7 @@ DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRul
 }  // namespace
 
 FitProblem with_shown_unknowns(const FitProblem& problem) {
-  if (problem.model.stations.empty()) {
+  if (!problem.model.has_open_bases) {
     return problem;
   }
   const Eigen::MatrixXd sqrt_information = equations_of(problem).whitened_summary(problem.start).sqrt_information;

@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include "calibration/calibration_result.hpp"
 #include "estimation/unknowns.hpp"
 #include "selection/parameter_selection.hpp"

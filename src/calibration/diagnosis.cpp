@@ -44,7 +44,7 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
     return result;
   }
   return alternative_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,
-                              {.registration = known_frames(task.parameters),
+                              {.registration = {.known = task.parameters.known},
                                .used = task.options.convention ? &*task.options.convention : nullptr,
                                .others = task.options.other_conventions,
                                .threads = task.threads});
@@ -87,14 +87,13 @@ std::vector<std::string> lonely_names(const Measurements& measurements, const Pa
     }
   };
   for (std::size_t station = 0; station < of_station.size(); ++station) {
-    if (const std::string& name = measurements.stations[station];
-        find_base(parameters.known_stations, name) == nullptr) {
+    if (const std::string& name = measurements.stations[station]; find_base(parameters.known.bases, name) == nullptr) {
       say("station", name, of_station[station]);
     }
   }
   for (std::size_t target = 0; target < of_target.size(); ++target) {
     const std::string& name = measurements.targets[target];
-    const bool is_known = std::any_of(parameters.known_targets.begin(), parameters.known_targets.end(),
+    const bool is_known = std::any_of(parameters.known.targets.begin(), parameters.known.targets.end(),
                                       [&](const TargetFrame& known) { return known.name == name; });
     if (!is_known) {
       say("target", name, of_target[target]);

@@ -111,7 +111,7 @@ bool has_no_length(const Measurements& measurements) {
 // named.
 bool lacks_the_station_of_a_plate(const CalibrationResult& found, const Measurements& measurements) {
   constexpr std::size_t kJointsOfAnAxis = 3;  // with which an arm may move along a line
-  return measurements.stations.empty() && found.model.joints.size() > kJointsOfAnAxis &&
+  return !found.model.has_open_bases && found.model.joints.size() > kJointsOfAnAxis &&
          found.fit.candidates.range(UnknownGroup::base).count == 6 && loose_rotations(measurements).axes.cols() > 0 &&
          joints_at_rest(found, measurements).empty();
 }
@@ -141,7 +141,7 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
   const std::vector<std::string> still = joints_at_rest(found, measurements);
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
-  } else if (!found.model.stations.empty() && has_no_length(measurements)) {
+  } else if (found.model.has_open_bases && has_no_length(measurements)) {
     return {{.cause = Cause::not_determined,
              .message = message +
                         ": each station has a single point, which an arm of any size reaches; measure a second "

@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <optional>
 
 #include "calibration/determined_fit.hpp"

@@ -198,12 +198,13 @@ std::vector<ValueUncertainty> uncertainties(const Estimate& estimate, const Unkn
                                             const NoiseReport& noise) {
   const Index columns = covariance.cols();
   MatrixXd printed = MatrixXd::Identity(columns, columns);
-  for (std::size_t station = 0; station <= estimate.other_bases.size(); ++station) {
-    const Matrix3d R_WB = estimate.base(station).linear();
+  for (std::size_t station = 0; station < estimate.frames.bases.size(); ++station) {
+    const Matrix3d R_WB = estimate.frames.base(station).linear();
     place(free.base_columns(station), printed_frame(R_WB, R_WB), printed);
   }
-  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
-    place(free.target_columns(k), printed_frame(Matrix3d::Identity(), estimate.targets[k].X_FT.linear()), printed);
+  for (std::size_t k = 0; k < estimate.frames.targets.size(); ++k) {
+    place(free.target_columns(k), printed_frame(Matrix3d::Identity(), estimate.frames.targets[k].X_FT.linear()),
+          printed);
   }
   std::vector<ValueUncertainty> result;
   for (Index c = 0; c < columns; ++c) {

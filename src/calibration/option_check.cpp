@@ -154,7 +154,7 @@ void require_signals(const Measurements& measurements, const CalibrationSettings
 void check_options(const ErrorModel& model, const Measurements& measurements, const Measurements& training,
                    const CalibrationSettings& options) {
   check(measurements, model);
-  check(known_frames(options.parameters), measurements);
+  check(options.parameters.known, measurements);
   check({.priors = options.selection.priors, .noise = options.noise.stated, .row_weights = {}}, measurements);
   require_predictable(options.predict_at, model);
   if (training.observations.empty()) {

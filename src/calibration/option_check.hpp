@@ -1,6 +1,6 @@
 #pragma once
 
-// Checks of a calibration's options. Not installed.
+// Checks of a calibration's options.
 
 #include "calibration/calibration_settings.hpp"
 #include "estimation/unknowns.hpp"

@@ -56,13 +56,13 @@ std::vector<ParameterEstimate> all_parameters(const ErrorModel& model, const Est
                                               const Estimate& estimate) {
   std::vector<ParameterEstimate> all;
   const std::vector<std::string> bases = base_parameter_names(model);
-  for (std::size_t station = 0; station <= estimate.other_bases.size(); ++station) {
+  for (std::size_t station = 0; station < estimate.frames.bases.size(); ++station) {
     const auto first = bases.begin() + static_cast<std::ptrdiff_t>(6 * station);
-    add_frame_parameters({first, first + 6}, nominal.base(station), estimate.base(station), all);
+    add_frame_parameters({first, first + 6}, nominal.frames.base(station), estimate.frames.base(station), all);
   }
-  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
-    const TargetFrame& target = estimate.targets[k];
-    add_frame_parameters(target_parameter_names(target), nominal.targets[k].X_FT, target.X_FT, all);
+  for (std::size_t k = 0; k < estimate.frames.targets.size(); ++k) {
+    const TargetFrame& target = estimate.frames.targets[k];
+    add_frame_parameters(target_parameter_names(target), nominal.frames.targets[k].X_FT, target.X_FT, all);
   }
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
     const ErrorParameter& parameter = model.parameters[p];

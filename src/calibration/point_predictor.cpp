@@ -18,7 +18,7 @@ PointPredictor::PointPredictor(const PredictionBasis& basis)
     : basis_(basis),
       free_(basis.model, basis.estimate, basis.free),
       candidates_(basis.model, basis.estimate, basis.candidates),
-      offsets_(joint_offsets(basis.model, basis.estimate.targets)),
+      offsets_(joint_offsets(basis.model, basis.estimate.frames.targets)),
       joints_(basis.model, basis.estimate, offsets_) {}
 
 // Variances [rad^2 or m^2] of the joints' motions due to effects left out at `q`: withheld tables with their prior
@@ -43,7 +43,7 @@ Eigen::VectorXd PointPredictor::left_out(const Eigen::VectorXd& q, const DriveSi
 std::vector<Eigen::Matrix3d> PointPredictor::unmodelled_covariances(const Eigen::VectorXd& q,
                                                                     const DriveSignals& signals,
                                                                     std::optional<std::size_t> station) const {
-  std::vector<Eigen::Matrix3d> result(basis_.estimate.targets.size(), Eigen::Matrix3d::Zero());
+  std::vector<Eigen::Matrix3d> result(basis_.estimate.frames.targets.size(), Eigen::Matrix3d::Zero());
   const Eigen::VectorXd variances = left_out(q, signals);
   if (!variances.isZero(0.0)) {
     const std::vector<Matrix3Xd> jacobians = joints_.jacobians(q, signals, station);
@@ -97,7 +97,7 @@ std::vector<Eigen::Matrix3d> PointPredictor::covariances(const Eigen::VectorXd& 
 
 Eigen::MatrixXd PointPredictor::sigmas(const Eigen::MatrixXd& joint_values, const DriveSignals& signals) const {
   constexpr Eigen::Index kAtOnce = 32;
-  const auto targets = static_cast<Eigen::Index>(basis_.estimate.targets.size());
+  const auto targets = static_cast<Eigen::Index>(basis_.estimate.frames.targets.size());
   Eigen::MatrixXd variances(targets, joint_values.cols());
   for (Eigen::Index first = 0; first < joint_values.cols(); first += kAtOnce) {
     const Eigen::Index count = std::min(kAtOnce, joint_values.cols() - first);
@@ -130,10 +130,10 @@ std::vector<PointWithCovariance> PointPredictor::points(const Eigen::VectorXd& q
   const Eigen::Isometry3d X_BF = flange_poses(basis_.model, estimate, q, signals).front();
   const std::vector<Eigen::Matrix3d> all = covariances(q, signals, station);
   std::vector<PointWithCovariance> result;
-  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
+  for (std::size_t k = 0; k < estimate.frames.targets.size(); ++k) {
     PointWithCovariance& point = result.emplace_back();
-    point.position = X_BF * estimate.targets[k].X_FT.translation();
-    point.position_W = estimate.base(station.value_or(0)) * point.position;
+    point.position = X_BF * estimate.frames.targets[k].X_FT.translation();
+    point.position_W = estimate.frames.base(station.value_or(0)) * point.position;
     point.covariance = all[k];
     point.new_point = new_point({.covariance = all[k], .place = point.position_W}, basis_.noise);
     point.new_point.radius_95 *= basis_.region.radius_factor;

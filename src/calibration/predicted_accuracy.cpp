@@ -60,9 +60,9 @@ std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const Erro
     for (std::size_t k = 0; k < points.size(); ++k) {
       const PointWithCovariance& point = points[k];
       result.push_back({.configuration = asked.names[c],
-                        .target = estimate.targets[k].name,
+                        .target = estimate.frames.targets[k].name,
                         .position = point.position,
-                        .nominal = X_BF_nominal[c] * estimate.targets[k].X_FT.translation(),
+                        .nominal = X_BF_nominal[c] * estimate.frames.targets[k].X_FT.translation(),
                         .position_W = point.position_W,
                         .std = point.covariance.diagonal().cwiseSqrt(),
                         .sigma = std::sqrt(point.covariance.trace()),
@@ -88,7 +88,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
   result.region = measured_region(measurements, whole ? uncertain.held_out : std::vector<HeldOutPoint>(),
                                   uncertain.noise, uncertain.optimism);
   result.undetermined = undetermined_directions(uncertain.candidate_sqrt_information);
-  if (!model.stations.empty()) {  // directions of bases alone have rounding errors in the other columns
+  if (model.has_open_bases) {  // directions of bases alone have rounding errors in the other columns
     constexpr double kRounding = 1e-9;
     result.undetermined = result.undetermined.unaryExpr([](double x) { return std::abs(x) < kRounding ? 0.0 : x; });
   }
@@ -100,15 +100,15 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
                         .undetermined = result.undetermined,
                         .noise = new_point_noise(uncertain.noise),
                         .region = result.region};
-  if (!model.stations.empty()) {
-    basis.estimate.X_WB.setIdentity();  // predictions in the base frame, along its axes
+  if (model.has_open_bases) {
+    basis.estimate.frames.base().setIdentity();  // predictions in the base frame, along its axes
   }
   const PointPredictor predictor(basis);
   const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
   const bool is_known = uncertain.covariance.diagonal().allFinite();
   const Eigen::MatrixXd there =
       is_known ? predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals) : Eigen::MatrixXd();
-  if (is_known && !model.stations.empty()) {  // of the arm alone, as all predictions without a station
+  if (is_known && model.has_open_bases) {  // of the arm alone, as all predictions without a station
     const double largest = there.maxCoeff();
     result.region.largest_variance = largest * largest;
     basis.region = result.region;

@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include "calibration/calibration_result.hpp"
 
 namespace kdl_calibration {

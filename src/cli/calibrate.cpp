@@ -141,10 +141,7 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   options.noise.weights = arguments.noise == "repeats" ? Weights::repeats
                           : arguments.noise == "equal" ? Weights::equal
                                                        : Weights::automatic;
-  const RegistrationOptions known = known_frames(arguments.measurements, measurements);
-  options.parameters.known_base = known.known_base;
-  options.parameters.known_targets = known.known_targets;
-  options.parameters.known_stations = known.known_stations;
+  options.parameters.known = known_frames(arguments.measurements, measurements);
   options.diagnosis.convention = convention_of(arguments.measurements.joint_convention);
   options.diagnosis.other_conventions = conventions_at_hand(arguments.measurements);
   if (!arguments.predict_at.empty()) {
@@ -156,8 +153,8 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
 
 // The command that chooses more configurations for the same experiment.
 std::string plan_to_add(const CalibrationResult& calibration) {
-  return calibration.model.stations.empty() ? "kdlcal plan --measured FILE --add N"
-                                            : "kdlcal plan --stations N, with --sockets or --directions as measured,";
+  return !calibration.model.has_open_bases ? "kdlcal plan --measured FILE --add N"
+                                           : "kdlcal plan --stations N, with --sockets or --directions as measured,";
 }
 
 // Adds options of kdlcal that help against the doubt.
@@ -243,7 +240,7 @@ std::string page_of(const std::string& result, const Robot& robot, const Measure
                            .source = "the result",
                            .robot = &robot,
                            .measurements = &measurements,
-                           .known = known_frames(settings.parameters),
+                           .known = settings.parameters.known,
                            .convention = settings.diagnosis.convention,
                            .plan_command = plan_command(json_of(result, "the result"))});
 }

@@ -16,7 +16,7 @@ std::vector<std::string> column_headings(const IdentificationAt& at) {
   for (const Unknown& unknown : at.free.columns()) {
     headings.push_back(unknown.name + (unknown.length ? "[m/m]" : "[m/rad]"));
   }
-  for (const std::string& name : base_and_tool_names(at.estimate.targets)) {
+  for (const std::string& name : base_and_tool_names(at.estimate.frames.targets)) {
     headings.push_back(name + (is_angle(name) ? "[m/rad]" : "[m/m]"));
   }
   return headings;
@@ -44,7 +44,7 @@ std::string identification_csv(const IdentificationAt& at) {
     const Eigen::MatrixXd A = base_and_tool_matrix(at.model, at.estimate, at.joint_values.col(c));
     for (Eigen::Index row = 0; row < J.rows(); ++row) {
       csv += csv_field(at.configurations[static_cast<std::size_t>(c)]) + "," +
-             csv_field(at.estimate.targets[static_cast<std::size_t>(row / 3)].name) + "," +
+             csv_field(at.estimate.frames.targets[static_cast<std::size_t>(row / 3)].name) + "," +
              std::string(1, static_cast<char>('x' + row % 3));
       for (const Eigen::MatrixXd* matrix : {&J, &A}) {
         for (const double value : matrix->row(row)) {
@@ -59,7 +59,7 @@ std::string identification_csv(const IdentificationAt& at) {
 
 Json identification_json(const IdentificationAt& at) {
   Json targets = Json::array();
-  for (const TargetFrame& target : at.estimate.targets) {
+  for (const TargetFrame& target : at.estimate.frames.targets) {
     targets.push_back(target_json(target));
   }
   Json configurations = Json::array();
@@ -70,7 +70,7 @@ Json identification_json(const IdentificationAt& at) {
                               {"A", rows_json(base_and_tool_matrix(at.model, at.estimate, q))}});
   }
   return {{"columns", at.free.names()},
-          {"A_columns", base_and_tool_names(at.estimate.targets)},
+          {"A_columns", base_and_tool_names(at.estimate.frames.targets)},
           {"targets", targets},
           {"configurations", configurations}};
 }

@@ -79,15 +79,17 @@ Eigen::VectorXd errors_at(const JacobianArguments& arguments, const Robot& robot
 
 // Base and targets of the result; without one W is the base frame, with the published targets.
 Estimate estimate_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
-  Estimate estimate{.errors = errors_at(arguments, robot, model), .targets = published_targets(arguments.targets)};
+  Estimate estimate{.errors = errors_at(arguments, robot, model),
+                    .frames = {.targets = published_targets(arguments.targets)},
+                    .effects = {}};
   if (!arguments.arm.result.empty()) {
-    estimate.X_WB = read_base(arguments.arm.result);
-    estimate.targets = read_targets(arguments.arm.result);
+    estimate.frames.base() = read_base(arguments.arm.result);
+    estimate.frames.targets = read_targets(arguments.arm.result);
   }
   if (!arguments.target_file.empty()) {
-    estimate.targets = read_targets(arguments.target_file);
+    estimate.frames.targets = read_targets(arguments.target_file);
   }
-  for (TargetFrame& target : estimate.targets) {
+  for (TargetFrame& target : estimate.frames.targets) {
     target.with_orientation = false;  // the published matrices are for points
   }
   return estimate;
@@ -121,7 +123,7 @@ ExitStatus run_identification(const JacobianArguments& arguments) {
   const Robot robot = load(arguments.arm.robot);
   IdentificationAt at{.model = complete_model(robot)};
   at.estimate = estimate_at(arguments, robot, at.model);
-  at.free = free_at(arguments, at.model, at.estimate.targets);
+  at.free = free_at(arguments, at.model, at.estimate.frames.targets);
   take_configurations(arguments, robot, at);
   const std::string csv = identification_csv(at);
   for (OutputFile& file : files) {
@@ -131,7 +133,7 @@ ExitStatus run_identification(const JacobianArguments& arguments) {
   if (arguments.arm.json) {
     text = json_text(identification_json(at));
   } else if (!files.empty()) {
-    const std::size_t targets = at.estimate.targets.size();
+    const std::size_t targets = at.estimate.frames.targets.size();
     text = fmt::format("{} configurations, in each the identification Jacobian, {} x {}, and A, {} x {}\n",
                        at.configurations.size(), 3 * targets, at.free.size(), 3 * targets, 6 + 3 * targets);
   }

@@ -16,6 +16,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/same_poses.hpp"
+#include "measurements/stations.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -127,34 +128,33 @@ std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values) {
       .range = values[0], .range_per_metre = values[1], .transverse = values[2], .transverse_per_metre = values[3]};
 }
 
-RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements) {
-  RegistrationOptions options;
+KnownFrames known_frames(const MeasurementArguments& arguments, const Measurements& measurements) {
+  KnownFrames known;
   const std::vector<std::string>& stations = measurements.stations;
   for (const KnownBase& given : known_bases(arguments)) {
-    if (stations.size() < 2 && (given.station.empty() || stations == std::vector<std::string>{given.station})) {
-      options.known_base = base_at(given.station, given.file);
-    } else if (std::find(stations.begin(), stations.end(), given.station) != stations.end()) {
-      options.known_stations.push_back({.station = given.station, .X_WB = base_at(given.station, given.file)});
+    if ((stations.size() == 1 && given.station.empty()) ||
+        std::find(stations.begin(), stations.end(), given.station) != stations.end()) {
+      known.bases.push_back({.station = given.station, .X_WB = base_at(given.station, given.file)});
     } else {
       throw InputError("--known-base: " + (given.station.empty() ? "no station" : "station " + shown(given.station)) +
                        ", expected " +
-                       (stations.empty() ? "a file alone, as the measurements have no column station"
-                                         : "STATION=FILE with one of " + comma_separated(stations)));
+                       (!names_stations(measurements) ? "a file alone, as the measurements have no column station"
+                                                      : "STATION=FILE with one of " + comma_separated(stations)));
     }
   }
   if (!arguments.known_targets.empty()) {
     for (TargetFrame& target : read_targets(arguments.known_targets)) {
       const auto& names = measurements.targets;
       if (std::find(names.begin(), names.end(), target.name) != names.end()) {
-        options.known_targets.push_back(target);
+        known.targets.push_back(target);
       }
     }
-    if (options.known_targets.empty()) {
+    if (known.targets.empty()) {
       throw InputError(arguments.known_targets + ": targets: none was measured, expected some of " +
                        comma_separated(measurements.targets));
     }
   }
-  return options;
+  return known;
 }
 
 std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments) {

@@ -37,7 +37,7 @@ void add_tracker_noise(CLI::App& app, std::vector<double>& values);
 std::optional<TrackerNoise> tracker_noise(const std::vector<double>& values);
 
 /// Known base and targets. Throws InputError if none of the known targets was measured.
-RegistrationOptions known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
+KnownFrames known_frames(const MeasurementArguments& arguments, const Measurements& measurements);
 
 /// Other conventions that the user may have meant: files beside the given one and beside the bundled robots.
 std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arguments);

@@ -79,11 +79,11 @@ FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, c
   if (!arguments.target_file.empty()) {
     return read_facing_targets(arguments.target_file);
   }
-  if (request.calibrated && !request.calibrated->estimate.targets.empty()) {
-    return {.targets = request.calibrated->estimate.targets, .facing = {}};
+  if (request.calibrated && !request.calibrated->estimate.frames.targets.empty()) {
+    return {.targets = request.calibrated->estimate.frames.targets, .facing = {}};
   }
   if (request.measured) {
-    return {.targets = nominal_start(model, *request.measured).targets, .facing = {}};
+    return {.targets = nominal_start(model, *request.measured).frames.targets, .facing = {}};
   }
   return {.targets = published_targets(arguments.targets), .facing = {}};
 }
@@ -320,7 +320,7 @@ Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPl
   const std::vector<std::string>& names = plan.rows.measurements.stations;
   for (std::size_t s = 0; s < names.size(); ++s) {
     stations.push_back({{"name", names[s]}, {"determined_directions", plan.determined.bases[s]}});
-    stations.back().update(frame_json(plan.rows.robot.truth.base(s).inverse()));
+    stations.back().update(frame_json(plan.rows.robot.truth.frames.base(s).inverse()));
   }
   Json configurations = Json::array();
   for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
@@ -353,7 +353,7 @@ std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   text += "station     in the base frame: x y z [m], angle times axis [deg]\n";
   for (std::size_t s = 0; s < stations.size(); ++s) {
-    const Eigen::Isometry3d X_BW = plan.rows.robot.truth.base(s).inverse();
+    const Eigen::Isometry3d X_BW = plan.rows.robot.truth.frames.base(s).inverse();
     const Eigen::AngleAxisd turn(X_BW.linear());
     const Eigen::Vector3d r = turn.angle() / kDegree * turn.axis();
     const Eigen::Vector3d p = X_BW.translation();

@@ -90,8 +90,7 @@ std::string plan_page(const Json& result, const PlanRequest& request, const Plan
   data["setup"] = setup_json(setup);
   const ErrorModel& model = plan.experiment.model;
   const Estimate nominal{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
-                         .X_WB = Eigen::Isometry3d::Identity(),
-                         .targets = plan.experiment.targets,
+                         .frames = {.targets = plan.experiment.targets},
                          .effects = {}};
   data["robot"] = block(reported_robot(request.robot, model, nominal));
   const FoldedChain chain = folded(model, nominal.errors);

@@ -109,7 +109,7 @@ struct PendantFrame {
 
 // Target k as a tool. A point has the orientation of the faceplate.
 TouchedFrame tool_of_target(const PredictionBasis& basis, std::size_t k, const Eigen::Isometry3d& X_FP) {
-  const TargetFrame& target = basis.estimate.targets[k];
+  const TargetFrame& target = basis.estimate.frames.targets[k];
   const Index size = target.with_orientation ? 6 : 3;
   TouchedFrame tool{.frame = target.X_FT, .covariance = Eigen::MatrixXd::Zero(size, size)};
   if (basis.free.size() == 0 || basis.covariance.rows() != basis.free.size()) {
@@ -153,8 +153,8 @@ std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const
   if (found.tool) {
     add_tool(arguments.tool_number, {}, *found.tool);
   }
-  for (std::size_t k = 0; k < basis.estimate.targets.size() && !found.user && !found.tool; ++k) {
-    add_tool(arguments.tool_number + static_cast<int>(k), basis.estimate.targets[k].name,
+  for (std::size_t k = 0; k < basis.estimate.frames.targets.size() && !found.user && !found.tool; ++k) {
+    add_tool(arguments.tool_number + static_cast<int>(k), basis.estimate.frames.targets[k].name,
              tool_of_target(basis, k, controller.X_FP));
   }
   return frames;

@@ -39,11 +39,11 @@ Json compared_json(const ErrorModel& model, const ComparedParameter& compared) {
 
 Json targets_json(const Estimate& estimate, const Estimate& truth, const Estimate& truth_in_gauge) {
   Json list = Json::array();
-  for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
-    const Eigen::Vector3d estimated = estimate.targets[t].X_FT.translation();
-    const Eigen::Vector3d in_gauge = truth_in_gauge.targets[t].X_FT.translation();
-    const TargetFrame* const drawn = find_target(truth.targets, estimate.targets[t].name);
-    list.push_back({{"name", estimate.targets[t].name},
+  for (std::size_t t = 0; t < estimate.frames.targets.size(); ++t) {
+    const Eigen::Vector3d estimated = estimate.frames.targets[t].X_FT.translation();
+    const Eigen::Vector3d in_gauge = truth_in_gauge.frames.targets[t].X_FT.translation();
+    const TargetFrame* const drawn = find_target(truth.frames.targets, estimate.frames.targets[t].name);
+    list.push_back({{"name", estimate.frames.targets[t].name},
                     {"estimated", position_json(estimated)},
                     {"true", position_json(drawn->X_FT.translation())},
                     {"true_in_gauge", position_json(in_gauge)},
@@ -89,13 +89,13 @@ Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_
         parameter_json(parameter, {{"value", parameter.nominal + error}, {"error", error}, {"gauge", gauge}}));
   }
   Json targets = Json::array();
-  for (const TargetFrame& target : robot.truth.targets) {
+  for (const TargetFrame& target : robot.truth.frames.targets) {
     targets.push_back(target_json(target));
   }
-  Json drawn = {{"parameters", parameters}, {"base", frame_json(robot.truth.X_WB)}, {"targets", targets}};
-  for (std::size_t station = 0; station < robot.model.stations.size(); ++station) {
+  Json drawn = {{"parameters", parameters}, {"base", frame_json(robot.truth.frames.base())}, {"targets", targets}};
+  for (std::size_t station = 0; robot.model.has_open_bases && station < robot.model.stations.size(); ++station) {
     drawn["stations"].push_back({{"name", robot.model.stations[station]}});
-    drawn["stations"].back().update(frame_json(robot.truth.base(station)));
+    drawn["stations"].back().update(frame_json(robot.truth.frames.base(station)));
   }
   if (!robot.model.effects.empty()) {
     drawn["effects"] = json_of(effects_json(robot.model, robot.truth.effects), "effects");
@@ -111,9 +111,9 @@ Json truth_json(const ErrorModel& model, const Estimate& estimate, const Estimat
   }
   return {{"parameters", parameters},
           {"base",
-           {{"estimated", frame_json(estimate.X_WB)},
-            {"true", frame_json(truth.X_WB)},
-            {"true_in_gauge", frame_json(comparison.truth_in_gauge.X_WB)},
+           {{"estimated", frame_json(estimate.frames.base())},
+            {"true", frame_json(truth.frames.base())},
+            {"true_in_gauge", frame_json(comparison.truth_in_gauge.frames.base())},
             {"difference", vector_json(comparison.base_difference)}}},
           {"targets", targets_json(estimate, truth, comparison.truth_in_gauge)},
           {"largest_difference", {{"length", comparison.largest_length}, {"angle", comparison.largest_angle}}},
@@ -134,10 +134,10 @@ std::string truth_table(const ErrorModel& model, const Estimate& estimate, const
   text += "differences along x, y and z\n";
   text += differences_line("base, position", comparison.base_difference.head<3>(), true);
   text += differences_line("base, orientation", comparison.base_difference.tail<3>(), false);
-  for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
+  for (std::size_t t = 0; t < estimate.frames.targets.size(); ++t) {
     const Eigen::Vector3d difference =
-        estimate.targets[t].X_FT.translation() - comparison.truth_in_gauge.targets[t].X_FT.translation();
-    text += differences_line("target " + estimate.targets[t].name, difference, true);
+        estimate.frames.targets[t].X_FT.translation() - comparison.truth_in_gauge.frames.targets[t].X_FT.translation();
+    text += differences_line("target " + estimate.frames.targets[t].name, difference, true);
   }
   return fmt::format("{}largest difference up to the gauge: {:.2e} mm and {:.2e} deg\n", text,
                      comparison.largest_length * 1e3, comparison.largest_angle / kDegree);

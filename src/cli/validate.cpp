@@ -61,7 +61,7 @@ bool absurd(const ErrorModel& model, double misfit) {
 std::string json(const RegisteredErrors& errors, const Measurements& measurements) {
   const Registration& registration = errors.registration;
   Json targets = Json::array();
-  for (const TargetFrame& target : registration.targets) {
+  for (const TargetFrame& target : registration.frames.targets) {
     targets.push_back(target_json(target));
   }
   const auto with_means = [](const ErrorStatistics& points, const std::optional<ErrorStatistics>& means) {
@@ -81,11 +81,11 @@ std::string json(const RegisteredErrors& errors, const Measurements& measurement
                  {"registered_to", errors.train.count > 0 ? "train" : "test"},
                  {"degrees_of_freedom", errors.freedom.left()},
                  {"rms_corrected", registration.rms * errors.freedom.correction()},
-                 {"base", frame_json(registration.X_WB)},
+                 {"base", frame_json(registration.frames.base())},
                  {"targets", targets}};
   for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
     result["stations"].push_back({{"name", measurements.stations[s]}});
-    result["stations"].back().update(frame_json(registration.base(s)));
+    result["stations"].back().update(frame_json(registration.frames.base(s)));
   }
   return json_text(result);
 }
@@ -103,9 +103,9 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
 }
 
 // The frames that are registered because they are not known.
-std::string registered(const RegistrationOptions& known, const Registration& registration) {
-  const bool targets = known.known_targets.size() < registration.targets.size();
-  const bool base = known.known_base || known.known_stations.size() == registration.other_bases.size() + 1;
+std::string registered(const KnownFrames& known, const Frames& frames) {
+  const bool targets = known.targets.size() < frames.targets.size();
+  const bool base = known.bases.size() == frames.bases.size();
   return base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
 }
 
@@ -126,12 +126,12 @@ std::string table(const ValidateArguments& arguments, const Measurements& measur
     text += fmt::format("{} took {} of {} coordinates: corrected rms {:.3f} mm\n", placed, errors.freedom.spent(),
                         errors.freedom.coordinates, registration.rms * errors.freedom.correction() * 1e3);
   }
-  for (std::size_t s = 0; s <= registration.other_bases.size(); ++s) {
-    text += point(
-        s == 0 && registration.other_bases.empty() ? "base, measured [mm]" : "base from " + measurements.stations[s],
-        registration.base(s).translation());
+  for (std::size_t s = 0; s < registration.frames.bases.size(); ++s) {
+    text +=
+        point(registration.frames.bases.size() == 1 ? "base, measured [mm]" : "base from " + measurements.stations[s],
+              registration.frames.base(s).translation());
   }
-  for (const TargetFrame& target : registration.targets) {
+  for (const TargetFrame& target : registration.frames.targets) {
     text += point("target " + target.name, target.X_FT.translation());
   }
   return text;
@@ -220,17 +220,17 @@ struct Words {
 
 // Doubts: other readings of the measurements, and an implausibly large misfit.
 Words judged(const ValidateArguments& arguments, const ErrorModel& model, const Measurements& fitted,
-             const Estimate& estimate, const RegistrationOptions& known) {
+             const Estimate& estimate, const KnownFrames& known) {
   const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
   Words words;
-  if (!model.stations.empty()) {
+  if (model.has_open_bases) {
     words.warnings.push_back(std::string("other readings of the data were not tried (") +
                              (has_single_coordinates(fitted) ? "single coordinates)" : "several stations)"));
     return words;
   }
   for (const AlternativeReading& reading :
        alternative_readings_of_nominal(model, fitted, estimate,
-                                       {.registration = known,
+                                       {.registration = {.known = known},
                                        .used = convention ? &*convention : nullptr,
                                        .others = conventions_at_hand(arguments.measurements)})) {
     if (reading.cause != Cause::joint_function) {  // normal for a robot that is not calibrated
@@ -282,16 +282,13 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const SavedCalibration arm = arm_of(robot, arguments.result);
   const Measurements measurements = read(arguments.measurements, robot);
   const ErrorModel model = at_stations_of(measurements, arm.model);
-  const RegistrationOptions known = known_frames(arguments.measurements, measurements);
+  const KnownFrames known = known_frames(arguments.measurements, measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
   const Measurements to_register = rows_to_register(measurements);
   const RegisteredErrors errors = registered_errors(X_BF, measurements, to_register, known);
   const Registration& registration = errors.registration;
-  const Estimate estimate{.errors = arm.estimate.errors,
-                          .X_WB = registration.X_WB,
-                          .targets = registration.targets,
-                          .effects = arm.estimate.effects,
-                          .other_bases = registration.other_bases};
+  const Estimate estimate{
+      .errors = arm.estimate.errors, .frames = registration.frames, .effects = arm.estimate.effects};
   const std::string result = json(errors, measurements);
   Words words = judged(arguments, model, to_register, estimate, known);
   if (words.doubts.empty() && absurd(model, registration.rms)) {
@@ -299,7 +296,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
         "a misfit of {:.1f} mm is more than geometric errors explain; are units, signs and order of the joints right?",
         registration.rms * 1e3));
   }
-  const std::string placed = registered(known, registration);
+  const std::string placed = registered(known, registration.frames);
   const std::vector<std::string> before = warnings_of(measurements, registration, errors.freedom, placed);
   words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
   const std::vector<Judged> outcomes = outcomes_of(requirements, json_of(result, "the result"));

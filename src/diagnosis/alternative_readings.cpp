@@ -135,7 +135,7 @@ private:
 
   // Tries points whose distances are too large or too small for the nominal robot, or that hardly move.
   void try_scale() {
-    if (options_.registration.known_base || !options_.registration.known_targets.empty()) {
+    if (!options_.registration.known.bases.empty() || !options_.registration.known.targets.empty()) {
       return;
     }
     // Lengths that are not fitted cannot absorb a scale, see try_lengths.
@@ -208,9 +208,9 @@ private:
     if (joints != trials.end()) {
       consider(*joints->cause, joints->description, joints->rms);
     }
-    if (options_.registration.known_base) {
+    if (!options_.registration.known.bases.empty()) {
       RegistrationOptions anywhere = options_.registration;
-      anywhere.known_base.reset();
+      anywhere.known.bases.clear();
       const Unknowns free = sample_.free.with_all(model_, UnknownGroup::base);
       const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
       consider(Cause::known_base, "the base fitted instead of taken as known",
@@ -420,16 +420,16 @@ namespace {
 
 // All parameters of the reduced model except known frames.
 Unknowns unknowns_of_reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                                   const RegistrationOptions& known) {
+                                   const KnownFrames& known) {
   ReductionOptions options;
   const auto hold = [&](const std::vector<std::string>& names) {
     options.fixed.insert(options.fixed.end(), names.begin(), names.end());
   };
-  if (known.known_base) {
+  if (!known.bases.empty()) {
     hold(base_parameter_names());
   }
   for (const TargetFrame& target : targets) {
-    if (find_target(known.known_targets, target.name) != nullptr) {
+    if (find_target(known.targets, target.name) != nullptr) {
       hold(target_parameter_names(target));
     }
   }
@@ -443,7 +443,7 @@ std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel
                                                                 const Estimate& registered, ReadingOptions options) {
   constexpr double kBeyondErrors = 0.01;  // of the arm
   const TrainingRows training(measurements);
-  const Unknowns all = unknowns_of_reduced_model(model, registered.targets, options.registration);
+  const Unknowns all = unknowns_of_reduced_model(model, registered.frames.targets, options.registration.known);
   if (trial_sample(model, *training, all, kMostSampled).freedom < 1.0) {
     options.least_misfit = kBeyondErrors * arm_length(model);
     return alternative_readings(model, measurements, registered, all.without(UnknownGroup::geometric), options);

@@ -96,7 +96,7 @@ Regression regression(const VectorXd& x, const VectorXd& y, const MatrixXd& cova
 }
 
 bool has_known_base(const ErrorModel& model, const Unknowns& free) {
-  for (std::size_t station = 0; station < std::max<std::size_t>(model.stations.size(), 1); ++station) {
+  for (std::size_t station = 0; station < model.stations.size(); ++station) {
     const std::array<int, 6>& columns = free.base_columns(station);
     if (std::all_of(columns.begin(), columns.end(), [](int column) { return column < 0; })) {
       return true;
@@ -216,7 +216,7 @@ StationScales scales_of_stations(const ErrorModel& model, const Measurements& me
 double nominal_misfit(const ErrorModel& model, const Measurements& measurements, double factor) {
   const Measurements rows = longer(measurements, factor);
   const Estimate nominal = nominal_start(model, rows);
-  const double cost = LeastSquaresProblem(model, rows, Unknowns(model, nominal.targets, {})).cost(nominal);
+  const double cost = LeastSquaresProblem(model, rows, Unknowns(model, nominal.frames.targets, {})).cost(nominal);
   return std::sqrt(cost / dimension(rows));
 }
 

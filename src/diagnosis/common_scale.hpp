@@ -1,6 +1,6 @@
 #pragma once
 
-// One factor on all lengths, or on those of one station. Not installed.
+// One factor on all lengths, or on those of one station.
 
 #include <cstddef>
 #include <vector>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Trial of joint gains: motion proportional to the joint values with a factor other than 1. Not installed.
+// Trial of joint gains: motion proportional to the joint values with a factor other than 1.
 
 #include <optional>
 

@@ -72,13 +72,13 @@ public:
                    const Unknowns& free)
       : measurements_(measurements), visits_(visits_of(measurements)) {
     const PositionPredictor predictor(model, estimate, free);
-    const Unknowns base_alone(model, estimate.targets, base_parameter_names());
+    const Unknowns base_alone(model, estimate.frames.targets, base_parameter_names());
     const PositionPredictor of_base(model, estimate, base_alone);
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
     jacobians_.resize(X_BF.size());
     base_.resize(X_BF.size());
     for (std::size_t c = 0; c < X_BF.size(); ++c) {
-      poses_.push_back(estimate.X_WB * X_BF[c]);
+      poses_.push_back(estimate.frames.base() * X_BF[c]);
       jacobians_[c] = predictor.jacobians(measurements, static_cast<Index>(c));
       base_[c] = of_base.jacobians(measurements, static_cast<Index>(c));
     }
@@ -156,7 +156,7 @@ private:
         const Observation& o = observation(row);
         const auto c = static_cast<std::size_t>(o.configuration);
         const auto k = static_cast<std::size_t>(o.target);
-        residuals_[row] = o.position() - poses_[c] * estimate.targets[k].X_FT.translation();
+        residuals_[row] = o.position() - poses_[c] * estimate.frames.targets[k].X_FT.translation();
         H.selfadjointView<Eigen::Lower>().rankUpdate(jacobians_[c][k].transpose());
         g += jacobians_[c][k].transpose() * residuals_[row];
         sum += residuals_[row].squaredNorm();

@@ -1,6 +1,6 @@
 #pragma once
 
-// Checks the residuals in the order of measurement. Not installed.
+// Checks the residuals in the order of measurement.
 
 #include <optional>
 #include <string>

@@ -66,7 +66,7 @@ OrientationRows rows_of(const ErrorModel& model, const Measurements& measurement
       const auto& pose = X_BF[static_cast<std::size_t>(observation.configuration)];
       result[static_cast<std::size_t>(observation.target)].push_back(
           {.row = row,
-           .flange = Quaterniond(fit.X_WB.linear() * pose.linear()),
+           .flange = Quaterniond(fit.frames.base().linear() * pose.linear()),
            .measured = *observation.orientation()});
     }
   }

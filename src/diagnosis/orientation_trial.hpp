@@ -1,6 +1,6 @@
 #pragma once
 
-// Other readings of the measured orientations. Not installed.
+// Other readings of the measured orientations.
 
 #include <optional>
 #include <string>

@@ -152,8 +152,8 @@ std::vector<double> nearer_to_each_other(const std::vector<Eigen::Isometry3d>& X
                                          const Registration& registration, int first, int second) {
   std::vector<double> result(X_BF.size(), 0.0);
   const auto place = [&](const Eigen::Isometry3d& pose, int target) {
-    return Vector3d(registration.X_WB *
-                    (pose * registration.targets[static_cast<std::size_t>(target)].X_FT.translation()));
+    return Vector3d(registration.frames.base() *
+                    (pose * registration.frames.targets[static_cast<std::size_t>(target)].X_FT.translation()));
   };
   for (const Observation& observation : measurements.observations) {
     if (observation.target == first || observation.target == second) {

@@ -1,6 +1,6 @@
 #pragma once
 
-// Other readings of the measured points. Not installed.
+// Other readings of the measured points.
 
 #include <Eigen/Core>
 #include <optional>

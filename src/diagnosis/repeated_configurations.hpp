@@ -1,6 +1,6 @@
 #pragma once
 
-// Configurations that were measured twice. Not installed.
+// Configurations that were measured twice.
 
 #include <vector>
 

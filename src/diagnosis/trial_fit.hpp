@@ -1,6 +1,6 @@
 #pragma once
 
-// A fit to another reading of the measurements, for comparison only. Not installed.
+// A fit to another reading of the measurements, for comparison only.
 
 #include "estimation/identification.hpp"
 #include "estimation/least_squares.hpp"

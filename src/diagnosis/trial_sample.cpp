@@ -74,10 +74,10 @@ std::vector<TargetFrame> with_levers(const std::vector<TargetFrame>& targets) {
 PosePoints pose_points(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                        const Unknowns& free, const RegistrationOptions& registration) {
   PosePoints result{.measurements = measurements, .fit = fit, .free = {}, .registration = registration};
-  result.fit.targets = with_levers(fit.targets);
-  result.registration.known_targets = with_levers(registration.known_targets);
+  result.fit.frames.targets = with_levers(fit.frames.targets);
+  result.registration.known.targets = with_levers(registration.known.targets);
   result.measurements.targets.clear();
-  for (const TargetFrame& target : result.fit.targets) {
+  for (const TargetFrame& target : result.fit.frames.targets) {
     result.measurements.targets.push_back(target.name);
   }
   result.measurements.observations.clear();
@@ -95,14 +95,14 @@ PosePoints pose_points(const ErrorModel& model, const Measurements& measurements
     }
   }
   std::vector<std::string> names = free.without(UnknownGroup::targets).without(UnknownGroup::effects).names();
-  for (std::size_t k = 0; k < result.fit.targets.size(); ++k) {
+  for (std::size_t k = 0; k < result.fit.frames.targets.size(); ++k) {
     if (free.column(UnknownGroup::targets, 6 * (k / levers().size()))) {
-      const std::vector<std::string> own = target_parameter_names(result.fit.targets[k]);
+      const std::vector<std::string> own = target_parameter_names(result.fit.frames.targets[k]);
       names.insert(names.end(), own.begin(), own.end());
     }
   }
-  result.free =
-      Unknowns(model, result.fit.targets, names).with(model, UnknownGroup::effects, free.of(UnknownGroup::effects));
+  result.free = Unknowns(model, result.fit.frames.targets, names)
+                    .with(model, UnknownGroup::effects, free.of(UnknownGroup::effects));
   return result;
 }
 

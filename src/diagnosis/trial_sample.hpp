@@ -1,6 +1,6 @@
 #pragma once
 
-// A sample of the measurements for trials of other readings. Not installed.
+// A sample of the measurements for trials of other readings.
 
 #include <cstddef>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-// Raw values of the effects at joint values, before mean and scale are applied. Not installed.
+// Raw values of the effects at joint values, before mean and scale are applied.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>

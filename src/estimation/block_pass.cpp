@@ -73,7 +73,7 @@ void BlockLinearisation::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Re
   for (const std::size_t d : unknowns_.effects()) {
     block.factors[effect_column++] = basis[static_cast<Index>(d)];
   }
-  const Isometry3d X_FW = (estimate_.X_WB * X_BF).inverse();
+  const Isometry3d X_FW = (estimate_.frames.base() * X_BF).inverse();
   const auto points = static_cast<Index>(configuration.points.size());
   const Index rows = 3 * (points + oriented_points(configuration));
   block.residual.resize(rows);
@@ -98,7 +98,7 @@ void BlockLinearisation::at(const Eigen::Ref<const VectorXd>& q, const Eigen::Re
 
 void BlockLinearisation::add_position(const ObservedPoint& point, const Isometry3d& X_FW, Index row,
                                       Block& block) const {
-  const Isometry3d& X_FT = estimate_.targets[point.target].X_FT;
+  const Isometry3d& X_FT = estimate_.frames.targets[point.target].X_FT;
   const Vector3d difference = X_FW * point.position - X_FT.translation();
   block.residual.segment<3>(row) = difference;
   block.twist_rows.middleRows<3>(row) << Matrix3d::Identity(), -skew(X_FT.translation());
@@ -121,7 +121,7 @@ void BlockLinearisation::add_position(const ObservedPoint& point, const Isometry
 // half the residual, which changes neither the gradient (J^-1 e = e) nor the optimum.
 void BlockLinearisation::add_orientation(const ObservedPoint& point, const Isometry3d& X_FW, Index row,
                                          Block& block) const {
-  const Isometry3d& X_FT = estimate_.targets[point.target].X_FT;
+  const Isometry3d& X_FT = estimate_.frames.targets[point.target].X_FT;
   block.residual.segment<3>(row) = rotation_log(X_FT.linear().transpose() * X_FW.linear() * point.orientation);
   block.twist_rows.block<3, 3>(row, 3) = X_FT.linear().transpose();
   std::copy_n(unknowns_.target_columns(point.target).begin() + 3, 3, block.columns.begin() + row);

@@ -1,6 +1,6 @@
 #pragma once
 
-// The reference pass: any noise, any unknowns, one configuration after the other. Not installed.
+// The reference pass: any noise, any unknowns, one configuration after the other.
 
 #include <Eigen/Core>
 #include <vector>

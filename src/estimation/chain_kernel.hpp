@@ -1,6 +1,6 @@
 #pragma once
 
-// Normal equations of many configurations in which the same points were measured with the same weights. Not installed.
+// Normal equations of many configurations in which the same points were measured with the same weights.
 //
 // Positions depend on the chain only through a frame P. It is parallel to the flange frame, with its origin at the
 // weighted mean of the points. With t_k the points in P, w_k their weights, w = sum w_k and S = L L^T the matrix sum

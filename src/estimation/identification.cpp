@@ -46,9 +46,7 @@ Estimate nominal_start(const ErrorModel& model, const Measurements& measurements
   start.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
   const Registration registration = register_base_and_targets(
       flange_poses(folded(model, start.errors), measurements.joint_values), measurements, options);
-  start.X_WB = registration.X_WB;
-  start.targets = registration.targets;
-  start.other_bases = registration.other_bases;
+  start.frames = registration.frames;
   return start;
 }
 

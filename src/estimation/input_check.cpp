@@ -12,6 +12,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/readings.hpp"
+#include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -32,11 +33,10 @@ void check(const ErrorModel& model) {
 void check(const Measurements& measurements, const ErrorModel& model) {
   check(model);
   check(measurements);
-  const bool apart = measurements.stations.size() > 1 || !model.stations.empty();
+  const bool apart = measurements.stations.size() > 1 || model.has_open_bases;
   if (apart && model.stations != measurements.stations) {
     throw InputError(fmt::format("{}: {} stations, expected the model's {}", measurements.source,
-                                 std::max<std::size_t>(measurements.stations.size(), 1),
-                                 std::max<std::size_t>(model.stations.size(), 1)));
+                                 measurements.stations.size(), model.stations.size()));
   }
   const auto joints = static_cast<std::size_t>(measurements.joint_values.rows());
   if (joints != model.joints.size()) {
@@ -53,18 +53,18 @@ void check(const Measurements& measurements, const ErrorModel& model) {
 
 void check(const Estimate& estimate, const ErrorModel& model, std::size_t targets) {
   require_count("errors of an estimate", estimate.errors.size(), model.parameters.size());
-  require_count("targets of an estimate", estimate.targets.size(), targets);
+  require_count("targets of an estimate", estimate.frames.targets.size(), targets);
   if (estimate.effects.size() != 0) {
     require_count("effects of an estimate", estimate.effects.size(), model.effects.size());
   }
-  const bool finite_targets = std::all_of(estimate.targets.begin(), estimate.targets.end(),
+  const bool finite_targets = std::all_of(estimate.frames.targets.begin(), estimate.frames.targets.end(),
                                           [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
-  const bool finite_bases = std::all_of(estimate.other_bases.begin(), estimate.other_bases.end(),
-                                        [](const Eigen::Isometry3d& X_WB) { return X_WB.matrix().allFinite(); });
-  require_count("bases of an estimate", estimate.other_bases.size() + 1,
-                std::max<std::size_t>(model.stations.size(), 1));
-  require_finite("an estimate", finite_bases && estimate.errors.allFinite() && estimate.effects.allFinite() &&
-                                    estimate.X_WB.matrix().allFinite() && finite_targets);
+  const std::vector<Eigen::Isometry3d>& bases = estimate.frames.bases;
+  const bool finite_bases =
+      std::all_of(bases.begin(), bases.end(), [](const Eigen::Isometry3d& X_WB) { return X_WB.matrix().allFinite(); });
+  require_count("bases of an estimate", bases.size(), model.stations.size());
+  require_finite("an estimate",
+                 finite_bases && estimate.errors.allFinite() && estimate.effects.allFinite() && finite_targets);
 }
 
 void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements) {
@@ -72,8 +72,7 @@ void check(const Estimate& estimate, const ErrorModel& model, const Measurements
 }
 
 void check(const Unknowns& free, const ErrorModel& model, std::size_t targets) {
-  require_indices("the free coordinate of bases", free.of(UnknownGroup::base),
-                  6 * std::max<std::size_t>(model.stations.size(), 1));
+  require_indices("the free coordinate of bases", free.of(UnknownGroup::base), 6 * model.stations.size());
   require_indices("the free geometric parameter", free.geometric(), model.parameters.size());
   require_indices("the free effect", free.effects(), model.effects.size());
   require_indices("the free coordinate of targets", free.of(UnknownGroup::targets), 6 * targets);
@@ -144,40 +143,45 @@ bool is_rigid(const Eigen::Isometry3d& X) {
 }
 
 void check(const RegistrationOptions& options) {
-  const bool finite = std::all_of(options.known_targets.begin(), options.known_targets.end(),
-                                  [](const TargetFrame& target) { return target.X_FT.matrix().allFinite(); });
-  require_finite("a known frame", finite && (!options.known_base || options.known_base->matrix().allFinite()));
-  if ((options.known_base && !is_rigid(*options.known_base)) ||
-      !std::all_of(options.known_targets.begin(), options.known_targets.end(),
-                   [](const TargetFrame& target) { return is_rigid(target.X_FT); })) {
-    refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
-  }
-  for (const StationBase& base : options.known_stations) {
-    if (!is_rigid(base.X_WB)) {
+  const auto is_finite = [](const Eigen::Isometry3d& X) { return X.matrix().allFinite(); };
+  const bool finite = std::all_of(options.known.targets.begin(), options.known.targets.end(),
+                                  [&](const TargetFrame& target) { return is_finite(target.X_FT); }) &&
+                      std::all_of(options.known.bases.begin(), options.known.bases.end(), [&](const StationBase& base) {
+                        return !base.station.empty() || is_finite(base.X_WB);
+                      });
+  require_finite("a known frame", finite);
+  for (const StationBase& base : options.known.bases) {
+    if (!base.station.empty() && !is_rigid(base.X_WB)) {
       refuse_input("the known base of station " + shown(base.station) + " is not a pose",
                    "a rotation and a translation");
     }
   }
+  if (!std::all_of(options.known.bases.begin(), options.known.bases.end(),
+                   [](const StationBase& base) { return is_rigid(base.X_WB); }) ||
+      !std::all_of(options.known.targets.begin(), options.known.targets.end(),
+                   [](const TargetFrame& target) { return is_rigid(target.X_FT); })) {
+    refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
+  }
   require_sigma("the length for orientations", options.orientation_length);
 }
 
-void check(const RegistrationOptions& options, const Measurements& measurements) {
-  check(options);
+void check(const KnownFrames& known, const Measurements& measurements) {
+  check(RegistrationOptions{.known = known});
   const std::vector<std::string>& stations = measurements.stations;
-  if (options.known_base && stations.size() > 1) {
-    refuse_input("a known base without its station", "one for a station of " + comma_separated(stations));
-  }
-  for (const StationBase& base : options.known_stations) {
-    if (stations.size() < 2 || std::find(stations.begin(), stations.end(), base.station) == stations.end()) {
-      refuse_input("a known base of station " + shown(base.station) + ", which was not measured",
-                   stations.size() < 2 ? "a known base without a station" : "one of " + comma_separated(stations));
+  for (const StationBase& base : known.bases) {
+    if (base.station.empty() && stations.size() > 1) {
+      refuse_input("a known base without its station", "one for a station of " + comma_separated(stations));
+    }
+    if (!base.station.empty() && std::find(stations.begin(), stations.end(), base.station) == stations.end()) {
+      refuse_input(
+          "a known base of station " + shown(base.station) + ", which was not measured",
+          names_stations(measurements) ? "one of " + comma_separated(stations) : "a known base without a station");
     }
   }
   const std::vector<std::string>& measured = measurements.targets;
-  const bool any = std::any_of(measured.begin(), measured.end(), [&](const std::string& name) {
-    return find_target(options.known_targets, name) != nullptr;
-  });
-  if (!options.known_targets.empty() && !any) {
+  const bool any = std::any_of(measured.begin(), measured.end(),
+                               [&](const std::string& name) { return find_target(known.targets, name) != nullptr; });
+  if (!known.targets.empty() && !any) {
     refuse_input("none of the known targets was measured", "some of " + comma_separated(measured));
   }
 }

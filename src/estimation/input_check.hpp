@@ -42,7 +42,7 @@ void check(const FitProblem& problem);
 /// Frames that are finite, a length of 0 or more.
 void check(const RegistrationOptions& options);
 /// The same, and of known targets at least one is measured: else a name is misspelt.
-void check(const RegistrationOptions& options, const Measurements& measurements);
+void check(const KnownFrames& known, const Measurements& measurements);
 
 /// Whether it is a rotation and a translation, both finite.
 bool is_rigid(const Eigen::Isometry3d& X);

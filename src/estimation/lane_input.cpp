@@ -58,7 +58,7 @@ KeptFrame set_points(const LaneGroup& group, const Estimate& estimate, ChainKern
 KeptFrame middle_of(const LaneGroup& group, const Estimate& estimate) {
   KeptFrame kept;
   for (const std::size_t target : group.targets) {
-    kept.centre += estimate.targets[target].X_FT.translation() / static_cast<double>(group.targets.size());
+    kept.centre += estimate.frames.targets[target].X_FT.translation() / static_cast<double>(group.targets.size());
   }
   return kept;
 }
@@ -67,7 +67,7 @@ KeptFrame set_own_rows(const LaneGroup& group, const Estimate& estimate, ChainKe
   KeptFrame kept = middle_of(group, estimate);
   input.points.resize(group.targets.size());
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
-    const Vector3d t = estimate.targets[group.targets[k]].X_FT.translation() - kept.centre;
+    const Vector3d t = estimate.frames.targets[group.targets[k]].X_FT.translation() - kept.centre;
     input.points[k] = {t.x(), t.y(), t.z()};
   }
   return kept;
@@ -90,7 +90,7 @@ KeptFrame set_rows(const LaneGroup& group, const Estimate& estimate, ChainKernel
     for (std::size_t l = 0; l < targets; ++l) {
       const double share = group.roots[row % 3](static_cast<Index>(row / 3), static_cast<Index>(l));
       input.shares[row * targets + l] = share;
-      add(share, estimate.targets[group.targets[l]].X_FT.translation() - kept.centre, input.kept[row]);
+      add(share, estimate.frames.targets[group.targets[l]].X_FT.translation() - kept.centre, input.kept[row]);
     }
     for (std::size_t l = 0; l < targets; ++l) {
       const double share = input.shares[row * targets + l];
@@ -164,8 +164,8 @@ std::vector<ChainMotion> motions_of(const ErrorModel& model, const Unknowns& unk
 }
 
 Vector3d kept_target(const LaneGroup& group, std::size_t k, const Estimate& estimate) {
-  return group.mixed(k,
-                     [&](std::size_t l) -> Vector3d { return estimate.targets[group.targets[l]].X_FT.translation(); });
+  return group.mixed(
+      k, [&](std::size_t l) -> Vector3d { return estimate.frames.targets[group.targets[l]].X_FT.translation(); });
 }
 
 KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernelInput& input) {
@@ -176,7 +176,7 @@ KeptFrame set_kept(const LaneGroup& group, const Estimate& estimate, ChainKernel
   input.oriented.clear();
   for (std::size_t k = 0; k < group.targets.size(); ++k) {
     if (group.orientation_weight(k) > 0.0) {
-      const Matrix3d& R = estimate.targets[group.targets[k]].X_FT.linear();
+      const Matrix3d& R = estimate.frames.targets[group.targets[k]].X_FT.linear();
       input.oriented.push_back({R(0, 0), R(0, 1), R(0, 2), R(1, 0), R(1, 1), R(1, 2), R(2, 0), R(2, 1), R(2, 2)});
     }
   }

@@ -1,6 +1,6 @@
 #pragma once
 
-// Conversion of models, estimates and groups to the kernel's input. Not installed.
+// Conversion of models, estimates and groups to the kernel's input.
 
 #include <Eigen/Core>
 #include <vector>

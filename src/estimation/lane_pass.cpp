@@ -131,7 +131,7 @@ void LanePass::prepare(const Estimate& estimate, LaneWorkspace& work) const {
   for (const Isometry3d& link : work.chain.links) {
     work.input.links.push_back(numbers_of(link.linear(), link.translation()));
   }
-  work.input.base = numbers_of(estimate.X_WB.linear(), estimate.X_WB.translation());
+  work.input.base = numbers_of(estimate.frames.base().linear(), estimate.frames.base().translation());
   set_motions(estimate, work);
 }
 
@@ -354,7 +354,7 @@ void LanePass::add_sums_of_points(const LaneGroup& group, const Estimate& estima
                                   NormalEquations& own, WhitenedSummary& summary) const {
   const LaneMeans means = means_of(group, estimate);
   Estimate at_mean = estimate;
-  at_mean.targets[0].X_FT.translation() = means.target;
+  at_mean.frames.targets[0].X_FT.translation() = means.target;
   const Index chain = unknowns_.chain().count;
   add_group(means.group, sum(means.group, at_mean, false, work), work, own);
   const std::size_t points = group.targets.size();

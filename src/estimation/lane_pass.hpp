@@ -1,6 +1,6 @@
 #pragma once
 
-// The fast pass: several similar configurations in parallel (see chain_kernel.hpp). Not installed.
+// The fast pass: several similar configurations in parallel (see chain_kernel.hpp).
 
 #include <cstddef>
 #include <vector>

@@ -1,6 +1,6 @@
 #pragma once
 
-// SIMD vectors, one number per lane, in the vector extension of GCC and Clang. Not installed.
+// SIMD vectors, one number per lane, in the vector extension of GCC and Clang.
 
 namespace kdl_calibration {
 

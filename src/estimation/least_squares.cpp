@@ -70,8 +70,7 @@ struct LeastSquaresProblem::Data {
 
     Estimate at(const Estimate& estimate) const {
       return {.errors = estimate.errors,
-              .X_WB = estimate.base(station),
-              .targets = estimate.targets,
+              .frames = {.bases = {estimate.frames.base(station)}, .targets = estimate.frames.targets},
               .effects = estimate.effects};
     }
   };
@@ -81,8 +80,8 @@ struct LeastSquaresProblem::Data {
       : model(checked(the_model, measurements, the_unknowns, options)),
         unknowns(the_unknowns),
         targets(measurements.targets.size()),
-        one_station(the_model.stations.empty() ? nullptr
-                                               : std::make_unique<const ErrorModel>(at_stations_of({}, the_model))),
+        one_station(the_model.has_open_bases ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
+                                             : nullptr),
         parts(parts_of(measurements, options)),
         observed(parts.empty() ? gathered(the_model, the_unknowns, measurements, options) : ObservedData()),
         totals(totals_of_parts()),
@@ -94,12 +93,11 @@ struct LeastSquaresProblem::Data {
   // Checks sizes only, because it runs in every pass.
   void require_fit(const Estimate& estimate) const {
     require_count("errors of an estimate", estimate.errors.size(), model.parameters.size());
-    require_count("targets of an estimate", estimate.targets.size(), targets);
+    require_count("targets of an estimate", estimate.frames.targets.size(), targets);
     if (estimate.effects.size() != 0) {
       require_count("effects of an estimate", estimate.effects.size(), model.effects.size());
     }
-    require_count("bases of an estimate", estimate.other_bases.size() + 1,
-                  std::max<std::size_t>(model.stations.size(), 1));
+    require_count("bases of an estimate", estimate.frames.bases.size(), model.stations.size());
   }
 
   std::vector<Part> parts_of(const Measurements& measurements, const ResidualOptions& options) const;
@@ -154,7 +152,7 @@ struct LeastSquaresProblem::Data {
 std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of(const Measurements& measurements,
                                                                                  const ResidualOptions& options) const {
   std::vector<Part> result;
-  const bool in_parts = model.stations.size() > 1 || (!model.stations.empty() && has_loose_rotations(measurements));
+  const bool in_parts = model.stations.size() > 1 || (model.has_open_bases && has_loose_rotations(measurements));
   for (std::size_t station = 0; in_parts && station < model.stations.size(); ++station) {
     const StationRows own = rows_of_station(measurements, station);
     ResidualOptions residuals = options;
@@ -351,8 +349,8 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
   summary.add_priors(MatrixXd(data_->priors.rows));
   WhitenedSummary result = summary.finish();
   for (const Data::Part& part : data_->parts) {
-    const MatrixXd loose =
-        motions_of_base(part.loose, estimate.base(part.station), data_->unknowns.base_columns(part.station), columns);
+    const MatrixXd loose = motions_of_base(part.loose, estimate.frames.base(part.station),
+                                           data_->unknowns.base_columns(part.station), columns);
     if (loose.cols() > 0) {
       result.sqrt_information -= result.sqrt_information * loose * pseudo_inverse(loose);
     }

@@ -1,6 +1,6 @@
 #pragma once
 
-// Gathered measurements in the form that the passes read. Not installed.
+// Gathered measurements in the form that the passes read.
 
 #include <Eigen/Core>
 #include <array>

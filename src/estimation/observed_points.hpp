@@ -1,6 +1,6 @@
 #pragma once
 
-// The fitted rows of a set of measurements, gathered configuration by configuration. Not installed.
+// The fitted rows of a set of measurements, gathered configuration by configuration.
 
 #include <Eigen/Dense>
 #include <cstdint>

@@ -38,10 +38,10 @@ Residual residual(const Reading& reading, const Isometry3d& predicted_target_in_
 Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
                          const Observation& observation) {
   require_index("the configuration", observation.configuration, X_BF.size());
-  require_index("the target", observation.target, estimate.targets.size());
-  return estimate.base(static_cast<std::size_t>(observation.station)) *
+  require_index("the target", observation.target, estimate.frames.targets.size());
+  return estimate.frames.base(static_cast<std::size_t>(observation.station)) *
          (X_BF[static_cast<std::size_t>(observation.configuration)] *
-          estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
+          estimate.frames.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
 }
 
 Vector3d measured_minus_predicted(const Observation& observation, const Estimate& estimate,
@@ -105,10 +105,10 @@ std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const Dri
                                                     std::optional<std::size_t> station) const {
   const MatrixXd joints = effective_joint_values(model_, estimate_.effects, q, signals);
   Matrix6Xd chain;
-  const Matrix3d R_WF =
-      estimate_.base(station.value_or(0)).linear() * flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
+  const Matrix3d R_WF = estimate_.frames.base(station.value_or(0)).linear() *
+                        flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
   const std::vector<std::size_t>& of_bases = unknowns_.of(UnknownGroup::base);
-  const bool of_arm_or_station = !model_.stations.empty() || !estimate_.other_bases.empty();
+  const bool of_arm_or_station = model_.has_open_bases || estimate_.frames.bases.size() > 1;
   for (std::size_t i = 0; of_arm_or_station && i < of_bases.size(); ++i) {
     if (!station || of_bases[i] / 6 != *station) {
       chain.col(static_cast<Index>(i)).setZero();
@@ -122,10 +122,10 @@ std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const Dri
     }
   }
   std::vector<Matrix3Xd> jacobians;
-  for (std::size_t k = 0; k < estimate_.targets.size(); ++k) {
+  for (std::size_t k = 0; k < estimate_.frames.targets.size(); ++k) {
     Matrix3Xd& jacobian = jacobians.emplace_back(Matrix3Xd::Zero(3, unknowns_.size()));
     jacobian.leftCols(chain.cols()) =
-        R_WF * (chain.topRows<3>() - skew(estimate_.targets[k].X_FT.translation()) * chain.bottomRows<3>());
+        R_WF * (chain.topRows<3>() - skew(estimate_.frames.targets[k].X_FT.translation()) * chain.bottomRows<3>());
     for (std::size_t i = 0; i < 3; ++i) {
       if (const int column = unknowns_.target_columns(k)[i]; column >= 0) {
         jacobian.col(column) = R_WF.col(static_cast<Index>(i));

@@ -353,7 +353,7 @@ std::string ambiguity(const Solution& solution, double weight) {
 }
 
 double rms_of(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& training, const Registration& found) {
-  const Estimate estimate{.errors = {}, .X_WB = found.X_WB, .targets = found.targets, .effects = {}};
+  const Estimate estimate{.errors = {}, .frames = found.frames, .effects = {}};
   double sum = 0.0;
   for (const Observation& observation : training.observations) {
     sum += (observation.position() - predicted_point(estimate, X_BF, observation)).squaredNorm();
@@ -398,7 +398,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   }
   std::vector<const TargetFrame*> known;
   for (const std::string& name : measurements.targets) {
-    known.push_back(find_target(options.known_targets, name));
+    known.push_back(find_target(options.known.targets, name));
   }
   const TrainingRows training(measurements);
   const Sums sums = accumulate(X_BF, *training, options, known);
@@ -406,18 +406,19 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   Matrix3d A = Matrix3d::Identity();
   Vector3d c = Vector3d::Zero();  // for the centred measurements
   double ridge = 0.0;
-  if (options.known_base) {
-    A = options.known_base->linear().transpose();
-    c = A * (options.known_base->translation() - sums.z_mean);
-    result.X_WB = *options.known_base;
+  Eigen::Isometry3d& X_WB = result.frames.base();
+  if (!options.known.bases.empty()) {
+    X_WB = options.known.bases.front().X_WB;
+    A = X_WB.linear().transpose();
+    c = A * (X_WB.translation() - sums.z_mean);
   } else {
     const Solution solution = solve(sums);
     const RotationForm& form = solution.form;
     ridge = solution.ridge;
     A = solution.minimum.A;
     c = form.c_matrix * Eigen::Map<const Vector9d>(A.data()) + form.c_vector;
-    result.X_WB.linear() = A.transpose();
-    result.X_WB.translation() = A.transpose() * c + sums.z_mean;
+    X_WB.linear() = A.transpose();
+    X_WB.translation() = A.transpose() * c + sums.z_mean;
     result.message = ambiguity(solution, sums.weight);
     result.open = solution.places + solution.rotations;
     result.ambiguous = !result.message.empty();
@@ -439,7 +440,7 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
         frame.X_FT.linear() = nearest_rotation(Eigen::Map<const Matrix3d>(sum.data()));
       }
     }
-    result.targets.push_back(frame);
+    result.frames.targets.push_back(frame);
   }
   result.rms = rms_of(X_BF, *training, result);
   return result;

@@ -12,24 +12,18 @@
 namespace kdl_calibration {
 
 struct RegistrationOptions {
-  std::optional<Eigen::Isometry3d> known_base;   ///< X_WB
-  std::vector<TargetFrame> known_targets;        ///< targets with these names are not estimated
-  std::vector<StationBase> known_stations = {};  ///< instead of `known_base`, if there are several stations
+  KnownFrames known;  ///< not estimated
   /// [m] an orientation error of 1 rad counts as this position error.
   double orientation_length = 0.3;
 };
 
 /// Poses of the base and the targets for a given geometry.
 struct Registration {
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  std::vector<TargetFrame> targets;                 ///< in the measurements' order; orientation only if measured
-  std::vector<Eigen::Isometry3d> other_bases = {};  ///< X_WB at the second station and those after it
-  double rms = 0.0;                                 ///< [m] 3D distance between measured and predicted points
-  int open = 0;                                     ///< undetermined directions of base and targets
-  bool ambiguous = false;                           ///< another base pose fits about as well
-  std::string message;                              ///< why it is ambiguous
-
-  const Eigen::Isometry3d& base(std::size_t station) const { return station == 0 ? X_WB : other_bases.at(station - 1); }
+  Frames frames;           ///< in the measurements' order; orientation of targets only if measured
+  double rms = 0.0;        ///< [m] 3D distance between measured and predicted points
+  int open = 0;            ///< undetermined directions of base and targets
+  bool ambiguous = false;  ///< another base pose fits about as well
+  std::string message;     ///< why it is ambiguous
 };
 
 /// Base and targets that minimise the weighted sum of squared 3D distances between the measured points and

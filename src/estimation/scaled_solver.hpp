@@ -1,6 +1,6 @@
 #pragma once
 
-// Normal equations of columns in different units. Not installed.
+// Normal equations of columns in different units.
 
 #include <Eigen/Core>
 

@@ -38,16 +38,12 @@ public:
   JointRegistration(const std::vector<Isometry3d>& X_BF, const Measurements& training,
                     const RegistrationOptions& options)
       : X_BF_(X_BF), training_(training), options_(options) {
-    if (training.stations.size() < 2) {
-      is_known_.push_back(options.known_base.has_value());
-    } else {
-      for (const std::string& station : training.stations) {
-        is_known_.push_back(find_base(options.known_stations, station) != nullptr);
-      }
+    for (const std::string& station : training.stations) {
+      is_known_.push_back(find_base(options.known.bases, station) != nullptr);
     }
     bases_ = is_known_.size();
     for (const std::string& target : training.targets) {
-      is_known_.push_back(find_target(options.known_targets, target) != nullptr);
+      is_known_.push_back(find_target(options.known.targets, target) != nullptr);
     }
   }
 
@@ -139,8 +135,8 @@ private:
       const auto target = static_cast<std::size_t>(o.target);
       const std::array<Index, 2> first = {static_cast<Index>(6 * station_of(o)),
                                           static_cast<Index>(6 * (bases_ + target))};
-      const Isometry3d& X_WB = estimate.base(station_of(o));
-      const Isometry3d X_BT = X_BF_[static_cast<std::size_t>(o.configuration)] * estimate.targets[target].X_FT;
+      const Isometry3d& X_WB = estimate.frames.base(station_of(o));
+      const Isometry3d X_BT = X_BF_[static_cast<std::size_t>(o.configuration)] * estimate.frames.targets[target].X_FT;
       const Matrix3d R_WF = X_WB.linear() * X_BF_[static_cast<std::size_t>(o.configuration)].linear();
       const double weight = o.sigma > 0.0 ? 1.0 / (o.sigma * o.sigma) : 1.0;
       Eigen::Matrix<double, 3, 12> jacobian;
@@ -167,9 +163,8 @@ private:
       const Vector3d linear = step.segment<3>(6 * frame);
       const Matrix3d turn = rotation_exp(step.segment<3>(6 * frame + 3));
       const bool is_base = frame < stations;
-      Isometry3d& X = frame == 0 ? result.X_WB
-                      : is_base  ? result.other_bases[static_cast<std::size_t>(frame - 1)]
-                                 : result.targets[static_cast<std::size_t>(frame - stations)].X_FT;
+      Isometry3d& X = is_base ? result.frames.base(static_cast<std::size_t>(frame))
+                              : result.frames.targets[static_cast<std::size_t>(frame - stations)].X_FT;
       X.translation() += is_base ? Vector3d(X.linear() * linear) : linear;
       X.linear() = X.linear() * turn;
     }
@@ -221,17 +216,17 @@ Registration registered_by_coordinates(const std::vector<Isometry3d>& X_BF, cons
   const JointRegistration joint(X_BF, training, options);
   Estimate start;
   for (const std::string& name : training.targets) {
-    const TargetFrame* const known = find_target(options.known_targets, name);
-    start.targets.push_back(known != nullptr ? *known : TargetFrame{.name = name});
+    const TargetFrame* const known = find_target(options.known.targets, name);
+    start.frames.targets.push_back(known != nullptr ? *known : TargetFrame{.name = name});
   }
   Estimate best = start;
   double least = std::numeric_limits<double>::infinity();
   std::vector<Isometry3d> bases;
   const bool distances = std::all_of(training.observations.begin(), training.observations.end(), is_distance);
-  if (options.known_base) {
-    bases.push_back(*options.known_base);
+  if (!options.known.bases.empty()) {
+    bases.push_back(options.known.bases.front().X_WB);
   } else if (distances) {
-    bases.push_back(base_from_distances(X_BF, training, start.targets));
+    bases.push_back(base_from_distances(X_BF, training, start.frames.targets));
   } else {
     for (const Matrix3d& R : cube_rotations()) {
       bases.emplace_back(R);
@@ -239,7 +234,7 @@ Registration registered_by_coordinates(const std::vector<Isometry3d>& X_BF, cons
   }
   for (const Isometry3d& X_WB : bases) {
     Estimate tried = start;
-    tried.X_WB = X_WB;
+    tried.frames.base() = X_WB;
     if (!distances) {
       joint.place(tried);
     }
@@ -251,8 +246,7 @@ Registration registered_by_coordinates(const std::vector<Isometry3d>& X_BF, cons
   }
   joint.fit(best);
   Registration result;
-  result.X_WB = best.X_WB;
-  result.targets = best.targets;
+  result.frames = best.frames;
   result.open = joint.open_directions(best);
   return result;
 }
@@ -268,39 +262,39 @@ Start registered_one_by_one(const std::vector<Isometry3d>& X_BF, const Measureme
   Start result;
   std::vector<Isometry3d> bases(training.stations.size(), Isometry3d::Identity());
   RegistrationOptions own = options;
-  own.known_stations.clear();
   std::vector<TargetFrame> targets;
   for (const std::string& name : training.targets) {
     targets.push_back({.name = name});
   }
   for (const std::size_t station : order) {
     const Measurements rows = rows_of_station(training, station).measurements;
-    const Isometry3d* known = find_base(options.known_stations, training.stations[station]);
-    own.known_base = known == nullptr ? std::nullopt : std::optional(*known);
+    const Isometry3d* known = find_base(options.known.bases, training.stations[station]);
+    own.known.bases.clear();
+    if (known != nullptr) {
+      own.known.bases.push_back({.station = {}, .X_WB = *known});
+    }
     if (rows.observations.empty()) {
       bases[station] = known == nullptr ? Isometry3d::Identity() : *known;
       continue;
     }
     const Registration registration = has_single_coordinates(rows) ? registered_by_coordinates(X_BF, rows, own)
                                                                    : register_base_and_targets(X_BF, rows, own);
-    bases[station] = registration.X_WB;
+    bases[station] = registration.frames.base();
     result.is_firm = result.is_firm || (station == order.front() && registration.open == 0);
     for (const Observation& observation : rows.observations) {
       const auto k = static_cast<std::size_t>(observation.target);
-      const TargetFrame& found = registration.targets[k];
-      const bool is_new = find_target(own.known_targets, found.name) == nullptr;
+      const TargetFrame& found = registration.frames.targets[k];
+      const bool is_new = find_target(own.known.targets, found.name) == nullptr;
       if (is_new) {
-        own.known_targets.push_back(found);
+        own.known.targets.push_back(found);
       }
-      if (is_new || find_target(options.known_targets, found.name) != nullptr) {
+      if (is_new || find_target(options.known.targets, found.name) != nullptr) {
         targets[k] = found;
       }
       targets[k].with_orientation = targets[k].with_orientation || found.with_orientation;
     }
   }
-  result.estimate.X_WB = bases.front();
-  result.estimate.other_bases.assign(bases.begin() + 1, bases.end());
-  result.estimate.targets = std::move(targets);
+  result.estimate.frames = {.bases = std::move(bases), .targets = std::move(targets)};
   return result;
 }
 
@@ -321,7 +315,7 @@ Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measur
   const Measurements& training = *rows;
   if (training.stations.size() < 2) {
     Registration only = registered_by_coordinates(X_BF, training, options);
-    only.rms = misfit_of({.errors = {}, .X_WB = only.X_WB, .targets = only.targets, .effects = {}}, X_BF, training);
+    only.rms = misfit_of({.errors = {}, .frames = only.frames, .effects = {}}, X_BF, training);
     return only;
   }
   std::vector<std::size_t> count(training.stations.size(), 0);
@@ -350,9 +344,7 @@ Registration register_stations(const std::vector<Isometry3d>& X_BF, const Measur
   }
   const Estimate& found = best ? *best : registered_one_by_one(X_BF, training, options, by_rows).estimate;
   Registration result;
-  result.X_WB = found.X_WB;
-  result.other_bases = found.other_bases;
-  result.targets = found.targets;
+  result.frames = found.frames;
   result.open = joint.open_directions(found);
   result.rms = misfit_of(found, X_BF, training);
   return result;

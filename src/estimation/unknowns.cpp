@@ -296,9 +296,9 @@ Estimate Unknowns::moved(const Estimate& estimate, const VectorXd& step) const {
 void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& result) const {
   require_count("values of a step", step.size(), size());
   result = estimate;
-  for (std::size_t station = 0; station <= result.other_bases.size(); ++station) {
+  for (std::size_t station = 0; station < result.frames.bases.size(); ++station) {
     const Vector6d motion = motion_of(step, base_columns(station));
-    Isometry3d& X_WB = station == 0 ? result.X_WB : result.other_bases[station - 1];
+    Isometry3d& X_WB = result.frames.base(station);
     X_WB.translation() += X_WB.linear() * motion.head<3>();
     X_WB.linear() = X_WB.linear() * rotation_exp(motion.tail<3>());
   }
@@ -313,22 +313,22 @@ void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& re
       values[static_cast<Index>(index)] += step[column++];
     }
   }
-  for (std::size_t k = 0; k < result.targets.size(); ++k) {
+  for (std::size_t k = 0; k < result.frames.targets.size(); ++k) {
     const Vector6d motion = motion_of(step, target_columns(k));
-    Isometry3d& X_FT = result.targets[k].X_FT;
+    Isometry3d& X_FT = result.frames.targets[k].X_FT;
     X_FT.translation() += motion.head<3>();
     X_FT.linear() = X_FT.linear() * rotation_exp(motion.tail<3>());
   }
 }
 
 VectorXd Unknowns::difference(const Estimate& from, const Estimate& to) const {
-  require_count("targets of an estimate", to.targets.size(), from.targets.size());
+  require_count("targets of an estimate", to.frames.targets.size(), from.frames.targets.size());
   VectorXd step = VectorXd::Zero(size());
-  require_count("bases of an estimate", to.other_bases.size(), from.other_bases.size());
+  require_count("bases of an estimate", to.frames.bases.size(), from.frames.bases.size());
   Vector6d motion;
-  for (std::size_t station = 0; station <= from.other_bases.size(); ++station) {
-    const Isometry3d& first = from.base(station);
-    const Isometry3d& second = to.base(station);
+  for (std::size_t station = 0; station < from.frames.bases.size(); ++station) {
+    const Isometry3d& first = from.frames.base(station);
+    const Isometry3d& second = to.frames.base(station);
     motion << first.linear().transpose() * (second.translation() - first.translation()),
         rotation_log(first.linear().transpose() * second.linear());
     take_motion(motion, base_columns(station), step);
@@ -339,9 +339,9 @@ VectorXd Unknowns::difference(const Estimate& from, const Estimate& to) const {
       step[column++] = value_at(to.*group.values, index) - value_at(from.*group.values, index);
     }
   }
-  for (std::size_t k = 0; k < from.targets.size(); ++k) {
-    const Isometry3d& first = from.targets[k].X_FT;
-    const Isometry3d& second = to.targets[k].X_FT;
+  for (std::size_t k = 0; k < from.frames.targets.size(); ++k) {
+    const Isometry3d& first = from.frames.targets[k].X_FT;
+    const Isometry3d& second = to.frames.targets[k].X_FT;
     motion << second.translation() - first.translation(), rotation_log(first.linear().transpose() * second.linear());
     take_motion(motion, target_columns(k), step);
   }
@@ -354,10 +354,11 @@ double Unknowns::value(const Estimate& estimate, const Unknown& unknown) {
   }
   const bool coordinate = unknown.group == UnknownGroup::targets && unknown.index % 6 < 3;
   if (coordinate) {
-    require_index("the target", unknown.index / 6, estimate.targets.size());
+    require_index("the target", unknown.index / 6, estimate.frames.targets.size());
   }
-  return coordinate ? estimate.targets[unknown.index / 6].X_FT.translation()[static_cast<Index>(unknown.index % 6)]
-                    : 0.0;
+  return coordinate
+             ? estimate.frames.targets[unknown.index / 6].X_FT.translation()[static_cast<Index>(unknown.index % 6)]
+             : 0.0;
 }
 
 VectorXd Unknowns::values(const Estimate& estimate) const {

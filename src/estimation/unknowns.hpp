@@ -13,16 +13,12 @@
 
 namespace kdl_calibration {
 
-/// Values of all unknowns: the geometric errors of the complete model (zero where not free), the base in the measuring
-/// device's frame, the targets on the flange and the effects of the joints.
+/// Values of all unknowns: the geometric errors of the complete model (zero where not free), the bases in the measuring
+/// device's frame at each station, the targets on the flange and the effects of the joints.
 struct Estimate {
   Eigen::VectorXd errors;
-  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
-  std::vector<TargetFrame> targets;
-  Eigen::VectorXd effects;                          ///< one per effect of the model; empty: none
-  std::vector<Eigen::Isometry3d> other_bases = {};  ///< X_WB at the second station of the model and those after it
-
-  const Eigen::Isometry3d& base(std::size_t station) const { return station == 0 ? X_WB : other_bases.at(station - 1); }
+  Frames frames;
+  Eigen::VectorXd effects;  ///< one per effect of the model; empty: none
 };
 
 /// Kinds of unknowns, in the order of their columns.

@@ -53,7 +53,7 @@ std::vector<std::string> CalibratedArm::joints() const {
 
 std::vector<std::string> CalibratedArm::targets() const {
   std::vector<std::string> names;
-  for (const TargetFrame& target : parts_->basis->estimate.targets) {
+  for (const TargetFrame& target : parts_->basis->estimate.frames.targets) {
     names.push_back(target.name);
   }
   return names;
@@ -77,19 +77,19 @@ std::optional<std::size_t> station_named(const ErrorModel& model, const std::str
     return std::nullopt;
   }
   const auto found = std::find(model.stations.begin(), model.stations.end(), name);
-  if (found == model.stations.end()) {
-    refuse_input("station " + shown(name) + " was not measured", model.stations.empty()
-                                                                     ? "none, as all was measured from one place"
-                                                                     : "one of " + comma_separated(model.stations));
+  if (!model.has_open_bases || found == model.stations.end()) {
+    refuse_input("station " + shown(name) + " was not measured", model.has_open_bases
+                                                                     ? "one of " + comma_separated(model.stations)
+                                                                     : "none, as all was measured from one place");
   }
   return static_cast<std::size_t>(found - model.stations.begin());
 }
 
 std::optional<std::size_t> measuring_station(const ErrorModel& model, const std::string& name) {
-  if (model.stations.size() == 1 && name.empty()) {
+  if (model.has_open_bases && model.stations.size() == 1 && name.empty()) {
     return 0;
   }
-  if (!model.stations.empty() && name.empty()) {
+  if (model.has_open_bases && name.empty()) {
     refuse_input("the measuring frame without its station", "one of " + comma_separated(model.stations));
   }
   return station_named(model, name);
@@ -97,7 +97,10 @@ std::optional<std::size_t> measuring_station(const ErrorModel& model, const std:
 
 }  // namespace
 
-std::vector<std::string> CalibratedArm::stations() const { return parts_->basis->model.stations; }
+std::vector<std::string> CalibratedArm::stations() const {
+  const ErrorModel& model = parts_->basis->model;
+  return model.has_open_bases ? model.stations : std::vector<std::string>();
+}
 
 PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
                                       PredictionFrame frame, const std::string& station) const {
@@ -124,7 +127,7 @@ PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q
   if (frame == PredictionFrame::base) {
     result.position = point.position;
     if (point.covariance.allFinite()) {
-      const Eigen::Matrix3d R_BW = basis.estimate.base(from.value_or(0)).linear().transpose();
+      const Eigen::Matrix3d R_BW = basis.estimate.frames.base(from.value_or(0)).linear().transpose();
       result.covariance = R_BW * point.covariance * R_BW.transpose();
     }
   }
@@ -133,7 +136,7 @@ PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q
 
 Eigen::Isometry3d CalibratedArm::base(const std::string& station) const {
   const PredictionBasis& basis = *parts_->basis;
-  return basis.estimate.base(measuring_station(basis.model, station).value_or(0));
+  return basis.estimate.frames.base(measuring_station(basis.model, station).value_or(0));
 }
 
 }  // namespace kdl_calibration

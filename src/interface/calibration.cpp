@@ -43,7 +43,7 @@ EarlierResult earlier_result(const Calibration& earlier, const Robot& robot) {
                     .mean = own.values(parts.estimate),
                     .covariance = parts.covariance.block(first, first, own.size(), own.size())},
           .rigid = own.without(UnknownGroup::effects).values({.errors = parts.urdf_errors}),
-          .targets = parts.estimate.targets,
+          .targets = parts.estimate.frames.targets,
           .noise = parts.noise.model};
 }
 

@@ -86,7 +86,7 @@ struct JoinedModel {
     if (!model.effects.empty() && !more.empty() && model.gravity != after.model.gravity) {
       refuse_input("the calibrations have different directions of gravity", "the same in the base frame");
     }
-    model.stations.clear();
+    model = at_stations_of({}, std::move(model));
     model.gravity = more.empty() ? model.gravity : after.model.gravity;
     model.effects.insert(model.effects.end(), more.begin(), more.end());
     std::set<std::size_t> all;
@@ -115,7 +115,7 @@ struct JoinedModel {
     const Unknowns all = Unknowns(model, points, frame_parameter_names(points))
                              .with(model, UnknownGroup::geometric, geometric)
                              .with_all(model, UnknownGroup::effects);
-    const Estimate at{.errors = errors, .targets = points, .effects = {}};
+    const Estimate at{.errors = errors, .frames = {.targets = points}, .effects = {}};
     const PositionPredictor predictor(model, at, all);
     MatrixXd result(3 * static_cast<Index>(points.size()) * joint_values.cols(), all.size());
     Index row = 0;
@@ -201,7 +201,7 @@ struct OpenDirections {
   // flange.
   void add(const JoinedModel& joined, const MatrixXd& J, const Side& side, const Side& other) {
     const Unknowns& free = side.parts.free;
-    const MatrixXd T = joined.derivatives(as_points(side.parts.estimate.targets));
+    const MatrixXd T = joined.derivatives(as_points(side.parts.estimate.frames.targets));
     const Index base = free.range(UnknownGroup::base).empty() ? 0 : kBase;
     const Index targets = free.range(UnknownGroup::targets).empty() ? 0 : T.cols() - kBase - joined.size();
     const auto chain = T.middleCols(kBase, joined.size());

@@ -1,6 +1,6 @@
 #pragma once
 
-// Straight lines between compensated points. Not installed.
+// Straight lines between compensated points.
 
 #include <Eigen/Geometry>
 

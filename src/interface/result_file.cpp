@@ -45,7 +45,7 @@ void write_report(const std::filesystem::path& file, const Robot& robot, const M
                                .source = "the result",
                                .robot = &robot,
                                .measurements = &measurements,
-                               .known = known_frames(fitted.settings.parameters),
+                               .known = fitted.settings.parameters.known,
                                .convention = fitted.settings.diagnosis.convention,
                                .plan_command = {}}),
              robot, measurements.source);

@@ -1,6 +1,6 @@
 #pragma once
 
-// Tool and user frames from points that the robot touched. Not installed.
+// Tool and user frames from points that the robot touched.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>

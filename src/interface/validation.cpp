@@ -15,16 +15,10 @@ PositionErrors errors_of(const ErrorModel& arm, const Estimate& geometry, const 
                          const KnownFrames& known) {
   const ErrorModel model = at_stations_of(measurements, arm);
   check(measurements, model);
-  const RegistrationOptions frames{
-      .known_base = known.base, .known_targets = known.targets, .known_stations = known.stations};
-  check(frames, measurements);
+  check(known, measurements);
   RegisteredErrors errors =
       registered_errors(flange_poses(model, geometry, measurements.joint_values, measurements.signals), measurements,
-                        rows_to_register(measurements), frames);
-  std::vector<StationBase> stations;
-  for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
-    stations.push_back({.station = measurements.stations[s], .X_WB = errors.registration.base(s)});
-  }
+                        rows_to_register(measurements), known);
   return {.all = errors.all,
           .train = errors.train,
           .test = errors.test,
@@ -32,9 +26,7 @@ PositionErrors errors_of(const ErrorModel& arm, const Estimate& geometry, const 
           .train_means = errors.train_means,
           .test_means = errors.test_means,
           .iso_9283 = errors.iso,
-          .X_WB = errors.registration.X_WB,
-          .targets = std::move(errors.registration.targets),
-          .stations = std::move(stations),
+          .frames = std::move(errors.registration.frames),
           .ambiguity = std::move(errors.registration.message)};
 }
 
@@ -43,7 +35,7 @@ PositionErrors errors_of(const ErrorModel& arm, const Estimate& geometry, const 
 PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known) {
   const ErrorModel model = complete_model(robot);
   const Eigen::VectorXd nominal = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  return errors_of(model, {.errors = nominal, .targets = {}, .effects = {}}, measurements, known);
+  return errors_of(model, {.errors = nominal, .frames = {}, .effects = {}}, measurements, known);
 }
 
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known) {

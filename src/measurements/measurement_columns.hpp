@@ -1,6 +1,6 @@
 #pragma once
 
-// The header of a measurements file: which column holds what, in which unit. Not installed.
+// The header of a measurements file: which column holds what, in which unit.
 
 #include <array>
 #include <cstddef>

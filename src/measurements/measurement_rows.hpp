@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <optional>
 #include <string>
 #include <string_view>

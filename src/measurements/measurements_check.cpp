@@ -68,7 +68,7 @@ void require_sound(const Measurements& measurements, std::size_t row) {
   if (observation.target < 0 || observation.target >= targets) {
     refuse_row(fmt::format("target {} is not there, expected 0 to {}", observation.target, targets - 1));
   }
-  const auto stations = static_cast<std::ptrdiff_t>(std::max<std::size_t>(measurements.stations.size(), 1));
+  const auto stations = static_cast<std::ptrdiff_t>(measurements.stations.size());
   if (observation.station < 0 || observation.station >= stations) {
     refuse_row(fmt::format("station {} is not there, expected 0 to {}", observation.station, stations - 1));
   }
@@ -129,6 +129,9 @@ void check(const Measurements& measurements) {
   }
   if (!measurements.joint_values.allFinite()) {
     refuse(measurements, "a joint value is not finite");
+  }
+  if (measurements.stations.empty()) {
+    refuse(measurements, "no station, expected the name of one or more");
   }
   std::set<std::string> targets;
   for (const std::string& target : measurements.targets) {

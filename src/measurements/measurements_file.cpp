@@ -99,9 +99,8 @@ public:
     if (joints.convention == nullptr) result.joint_units = joint_units(joints);
     result.configurations = configurations_.take_labels();
     result.targets = targets_.take_labels();
-    result.stations = stations_.take_labels();
+    if (stations_.size() > 0) result.stations = stations_.take_labels();
     result.observations = std::move(observations_);
-    if (has_single_coordinates(result) && result.stations.empty()) result.stations = {"W"};
     if (joints.followers.empty()) {
       std::exchange(lines_, {});  // frees memory before the joint values are copied
       std::exchange(first_rows_, {});

@@ -14,7 +14,7 @@ namespace kdl_calibration {
 StationRows rows_of_station(const Measurements& measurements, std::size_t station) {
   StationRows result{.measurements = measurements, .rows = {}};
   Measurements& own = result.measurements;
-  own.stations.clear();
+  own.stations = {"W"};
   own.observations.clear();
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     if (station_of(measurements.observations[row]) != station) {
@@ -89,7 +89,8 @@ LooseRotations loose_rotations(const Measurements& station) {
 }
 
 bool has_loose_rotations(const Measurements& measurements) {
-  return measurements.stations.size() == 1 && loose_rotations(measurements).axes.cols() > 0;
+  return measurements.stations.size() == 1 && (names_stations(measurements) || has_single_coordinates(measurements)) &&
+         loose_rotations(measurements).axes.cols() > 0;
 }
 
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted) {

@@ -45,15 +45,16 @@ const TargetFrame* find_target(const std::vector<TargetFrame>& targets, const st
 }
 
 const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const std::string& station) {
-  const auto found =
-      std::find_if(bases.begin(), bases.end(), [&](const StationBase& base) { return base.station == station; });
+  const auto found = std::find_if(bases.begin(), bases.end(), [&](const StationBase& base) {
+    return base.station.empty() || base.station == station;
+  });
   return found == bases.end() ? nullptr : &found->X_WB;
 }
 
 ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
-  const bool apart =
+  model.stations = measurements.stations;
+  model.has_open_bases =
       measurements.stations.size() > 1 || has_single_coordinates(measurements) || has_loose_rotations(measurements);
-  model.stations = apart ? measurements.stations : std::vector<std::string>();
   return model;
 }
 
@@ -63,7 +64,7 @@ const std::vector<std::string>& base_parameter_names() {
 }
 
 std::vector<std::string> base_parameter_names(const ErrorModel& model) {
-  if (model.stations.empty()) {
+  if (!model.has_open_bases) {
     return base_parameter_names();
   }
   std::vector<std::string> names;

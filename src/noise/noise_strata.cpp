@@ -113,12 +113,12 @@ void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, c
   for (const auto& [c, cells] : configurations_) {
     const std::size_t station = station_of(measurements_.observations[cells.front().rows.front()]);
     const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_, c, station);
-    const Eigen::Isometry3d X_WF = estimate.base(station) * X_BF[static_cast<std::size_t>(c)];
+    const Eigen::Isometry3d X_WF = estimate.frames.base(station) * X_BF[static_cast<std::size_t>(c)];
     Means means;
     for (const MeasuredCell& cell : cells) {
       const auto k = static_cast<std::size_t>(cell.target);
       means.jacobians.push_back(jacobians[k]);
-      means.residuals.emplace_back(cell.mean - X_WF * estimate.targets[k].X_FT.translation());
+      means.residuals.emplace_back(cell.mean - X_WF * estimate.frames.targets[k].X_FT.translation());
       means.inverse_weight += 1.0 / cell.weight / static_cast<double>(cells.size());
       means.known += cell.known / static_cast<double>(cells.size());
     }

@@ -1,6 +1,6 @@
 #pragma once
 
-// Many configurations, packed for fast ranking of a design's neighbours. Not installed.
+// Many configurations, packed for fast ranking of a design's neighbours.
 
 #include <Eigen/Core>
 #include <vector>

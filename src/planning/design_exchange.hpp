@@ -1,6 +1,6 @@
 #pragma once
 
-// The exchange algorithm for designs: DETMAX (Mitchell 1974), see select_configurations(). Not installed.
+// The exchange algorithm for designs: DETMAX (Mitchell 1974), see select_configurations().
 
 #include <Eigen/Core>
 #include <vector>

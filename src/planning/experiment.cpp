@@ -114,13 +114,13 @@ MatrixXd information(const Experiment& experiment, const Measurements& measureme
   for (const TargetFrame& target : experiment.targets) {
     matched.targets.push_back(target.name);
   }
-  Estimate estimate{.errors = experiment.errors, .targets = experiment.targets};
+  Estimate estimate{.errors = experiment.errors, .frames = {.targets = experiment.targets}, .effects = {}};
   estimate.effects = VectorXd::Zero(static_cast<Index>(experiment.model.effects.size()));
   if (experiment.noise.tracker) {
-    estimate.X_WB =
+    estimate.frames.base() =
         register_base_and_targets(flange_poses(folded(experiment.model, experiment.errors), matched.joint_values),
-                                  matched, {.known_targets = experiment.targets})
-            .X_WB;
+                                  matched, {.known = {.targets = experiment.targets}})
+            .frames.base();
   }
   const LeastSquaresProblem problem(experiment.model, matched, experiment.free,
                                     {.noise = noise_model(experiment.noise)});

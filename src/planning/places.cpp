@@ -52,16 +52,14 @@ Measurements along_directions(Measurements points, const std::string& directions
             ? Reading(Distance{.length = observation.position().norm(), .anchor = Eigen::Vector3d::Zero()})
             : reading_along(is_measured.asDiagonal(), observation.position().cwiseProduct(is_measured));
   }
-  if (points.stations.empty()) {
-    points.stations = {"W"};
-  }
   return points;
 }
 
 VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFrame>& targets) {
-  Estimate nominal{.errors = Eigen::VectorXd::Zero(std::ssize(model.parameters)), .targets = targets};
-  nominal.effects = Eigen::VectorXd::Zero(std::ssize(model.effects));
-  return {.model = model, .truth = nominal};
+  return {.model = model,
+          .truth = {.errors = Eigen::VectorXd::Zero(std::ssize(model.parameters)),
+                    .frames = {.targets = targets},
+                    .effects = Eigen::VectorXd::Zero(std::ssize(model.effects))}};
 }
 
 PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach, const MatrixXd& q, Random& random) {
@@ -73,8 +71,7 @@ PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach,
   // The first of the stations is where the robot stands, where no distance depends on joint 1.
   robot = at_stations(std::move(robot), places.stations + 1, random);
   robot.model.stations.pop_back();
-  robot.truth.X_WB = robot.truth.other_bases.front();
-  robot.truth.other_bases.erase(robot.truth.other_bases.begin());
+  robot.truth.frames.bases.erase(robot.truth.frames.bases.begin());
   const Measurements points = measure(robot, q, {}, random);
   return {.robot = robot, .measurements = along_directions(points, places.directions)};
 }
@@ -82,7 +79,7 @@ PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach,
 DeterminedByRows determined_by(const PlacedRows& rows) {
   const ErrorModel& model = rows.robot.model;
   const Estimate& truth = rows.robot.truth;
-  const Unknowns free(model, truth.targets, select_parameters(model, truth.targets, {}).free);
+  const Unknowns free(model, truth.frames.targets, select_parameters(model, truth.frames.targets, {}).free);
   const MatrixXd J = LeastSquaresProblem(model, rows.measurements, free).whitened_summary(truth).sqrt_information;
   const Index bases = free.range(UnknownGroup::base).count;
   const MatrixXd Q = range_of(J.leftCols(bases));

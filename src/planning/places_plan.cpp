@@ -141,7 +141,8 @@ PlacedRows candidate_rows(const PlanRequest& request, const Places& places, std:
 Choice chosen(const PlanRequest& request, const Places& places, std::uint64_t start) {
   Choice choice{.rows = candidate_rows(request, places, start)};
   const auto& [robot, measurements] = choice.rows;
-  const Unknowns free(robot.model, robot.truth.targets, select_parameters(robot.model, robot.truth.targets, {}).free);
+  const Unknowns free(robot.model, robot.truth.frames.targets,
+                      select_parameters(robot.model, robot.truth.frames.targets, {}).free);
   choice.bases = free.range(UnknownGroup::base).count;
   choice.stations = stations_of_configurations(measurements);
   const WhitenedSystem system =

@@ -29,7 +29,7 @@ public:
         joints_(robot.model.joints),
         ranges_(ranges),
         allowed_(plate.allowed),
-        ball_(robot.truth.targets.front().X_FT.translation()) {}
+        ball_(robot.truth.frames.targets.front().X_FT.translation()) {}
 
   Vector3d position(const VectorXd& q) const { return arm_.flange_pose(q) * ball_; }
 
@@ -122,7 +122,8 @@ Measurements before_touches(const VirtualRobot& robot, Index configurations) {
     result.joints.push_back(joint.name);
     result.joint_units.push_back(joint.type == JointType::prismatic ? JointUnit::metre : JointUnit::radian);
   }
-  result.targets = {robot.truth.targets.front().name};
+  result.targets = {robot.truth.frames.targets.front().name};
+  result.stations.clear();
   result.joint_values.resize(static_cast<Index>(robot.model.joints.size()), configurations);
   return result;
 }
@@ -141,7 +142,7 @@ PlacedPlate found_place(const Plate& plate, const Ball& ball, Index configuratio
 void require_touchable(const Plate& plate, const JointRanges& ranges, const VirtualRobot& robot) {
   require_sigma("the noise of a touch", plate.sigma);
   require_at_least("sockets of a plate", plate.sockets.size(), 1);
-  require_count("targets of a robot that touches a plate", robot.truth.targets.size(), 1);
+  require_count("targets of a robot that touches a plate", robot.truth.frames.targets.size(), 1);
   require_count("ranges of joints", ranges.size(), robot.model.joints.size());
   if (std::any_of(robot.model.joints.begin(), robot.model.joints.end(),
                   [](const MovingJoint& joint) { return joint.mimic.has_value(); })) {
@@ -173,8 +174,7 @@ Measurements touch(const Plate& plate, const JointRanges& ranges, Index configur
            .station = static_cast<std::int16_t>(station)});
     }
   }
-  robot.truth.X_WB = bases.front();
-  robot.truth.other_bases.assign(bases.begin() + 1, bases.end());
+  robot.truth.frames.bases = std::move(bases);
   robot.model = at_stations_of(result, std::move(robot.model));
   return result;
 }

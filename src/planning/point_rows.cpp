@@ -38,7 +38,8 @@ MatrixXd unpacked_symmetric(const VectorXd& features, Index columns) {
 
 const Experiment& checked(const Experiment& experiment) {
   check(experiment.model);
-  check({.errors = experiment.errors, .targets = experiment.targets}, experiment.model, experiment.targets.size());
+  check({.errors = experiment.errors, .frames = {.targets = experiment.targets}, .effects = {}}, experiment.model,
+        experiment.targets.size());
   check(experiment.free, experiment.model, experiment.targets.size());
   check(noise_model(experiment.noise));
   check(experiment.priors);

@@ -1,7 +1,7 @@
 #pragma once
 
 // Linearised measurements of an experiment per configuration, packed so that one matrix-vector product evaluates a
-// quadratic form for many configurations. Not installed.
+// quadratic form for many configurations.
 
 #include <Eigen/Dense>
 #include <optional>

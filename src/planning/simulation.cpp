@@ -56,12 +56,11 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
     const double sigma = is_length(model, model.parameters[p]) ? sizes.length : sizes.angle;
     robot.truth.errors[static_cast<Eigen::Index>(p)] = sigma * random.normal();
   }
-  robot.truth.X_WB = Eigen::Isometry3d::Identity();
   for (int axis = 0; axis < 3; ++axis) {
-    robot.truth.X_WB.translation()[axis] += sizes.base_position * random.normal();
+    robot.truth.frames.base().translation()[axis] += sizes.base_position * random.normal();
   }
-  robot.truth.targets = targets;
-  for (TargetFrame& target : robot.truth.targets) {
+  robot.truth.frames.targets = targets;
+  for (TargetFrame& target : robot.truth.frames.targets) {
     const double length = target.X_FT.translation().norm();
     const double error = sizes.target_length * random.normal();
     if (length > 0.0) {
@@ -72,7 +71,7 @@ VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_
 }
 
 VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB) {
-  robot.truth.X_WB = robot.truth.X_WB * X_WB;
+  robot.truth.frames.base() = robot.truth.frames.base() * X_WB;
   return robot;
 }
 
@@ -80,10 +79,11 @@ VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random) {
   constexpr double kDistance = 2.0;  // [m] 1 sigma of a coordinate
   require_at_least("stations", stations, 2);
   robot.model.stations = {"S1"};
-  robot.truth.other_bases.clear();
+  robot.model.has_open_bases = true;
+  robot.truth.frames.bases.resize(1);
   for (int station = 2; station <= stations; ++station) {
     robot.model.stations.push_back("S" + std::to_string(station));
-    Eigen::Isometry3d& X_WB = robot.truth.other_bases.emplace_back(Eigen::Isometry3d::Identity());
+    Eigen::Isometry3d& X_WB = robot.truth.frames.bases.emplace_back(Eigen::Isometry3d::Identity());
     Eigen::Vector3d turn;
     for (int axis = 0; axis < 3; ++axis) {
       X_WB.translation()[axis] = kDistance * random.normal();
@@ -187,7 +187,7 @@ Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_val
 Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driven, const MeasuringNoise& noise,
                      Random& random, Split split) {
   const Eigen::MatrixXd& joint_values = driven.joint_values;
-  check(robot.truth, robot.model, robot.truth.targets.size());
+  check(robot.truth, robot.model, robot.truth.frames.targets.size());
   check({.independent = Eigen::Vector3d::Constant(noise.sigma),
          .tracker = noise.tracker,
          .common = noise.common,
@@ -202,9 +202,9 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
   result.joint_values = joint_values;
   result.signals = driven.signals;
   result.stations = robot.model.stations;
-  const auto stations = static_cast<Eigen::Index>(1 + robot.truth.other_bases.size());
+  const auto stations = static_cast<Eigen::Index>(robot.truth.frames.bases.size());
   bool poses = false;
-  for (const TargetFrame& target : robot.truth.targets) {
+  for (const TargetFrame& target : robot.truth.frames.targets) {
     result.targets.push_back(target.name);
     poses = poses || target.with_orientation;
   }
@@ -217,7 +217,7 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
     const auto station = static_cast<std::size_t>(
         driven.stations.empty() ? c * stations / joint_values.cols() : driven.stations[static_cast<std::size_t>(c)]);
     const Eigen::Isometry3d X_WF =
-        robot.truth.base(station) *
+        robot.truth.frames.base(station) *
         flange_pose(chain, effective_joint_values(robot.model, robot.truth.effects, joint_values.col(c),
                                                   column(driven.signals, c))
                                .col(0));
@@ -225,8 +225,8 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
       const Eigen::Vector3d drift = noise.common.isZero(0.0)
                                         ? Eigen::Vector3d(Eigen::Vector3d::Zero())
                                         : Eigen::Vector3d(noise.common.cwiseProduct(normal_vector(random)));
-      for (std::size_t k = 0; k < robot.truth.targets.size(); ++k) {
-        const TargetFrame& target = robot.truth.targets[k];
+      for (std::size_t k = 0; k < robot.truth.frames.targets.size(); ++k) {
+        const TargetFrame& target = robot.truth.frames.targets[k];
         const Eigen::Isometry3d X_WT = X_WF * target.X_FT;
         const Eigen::Vector3d own = point_noise(noise, X_WT.translation(), normal_vector(random));
         const Eigen::Vector3d position = X_WT.translation() + drift + own;

@@ -27,8 +27,8 @@ constexpr Index kConfigurationsOfGauge = 60;  // as in the reduction
 // The truth with the estimate's targets only, in their order.
 Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
   std::vector<TargetFrame> targets;
-  for (const TargetFrame& target : estimate.targets) {
-    const TargetFrame* const found = find_target(truth.targets, target.name);
+  for (const TargetFrame& target : estimate.frames.targets) {
+    const TargetFrame* const found = find_target(truth.frames.targets, target.name);
     if (found == nullptr) {
       throw InputError("target '" + target.name + "' of the result is not in the truth, expected the truth of the " +
                        "robot that was measured");
@@ -36,7 +36,7 @@ Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
     targets.push_back(*found);
     targets.back().with_orientation = target.with_orientation;
   }
-  truth.targets = std::move(targets);
+  truth.frames.targets = std::move(targets);
   return truth;
 }
 
@@ -72,11 +72,11 @@ void take_largest_differences(const ErrorModel& model, const Estimate& estimate,
       largest = std::max(largest, std::abs(parameter.estimated - parameter.truth_in_gauge));
     }
   }
-  for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
-    const Eigen::Isometry3d& estimated = estimate.targets[t].X_FT;
-    const Eigen::Isometry3d& truth = result.truth_in_gauge.targets[t].X_FT;
+  for (std::size_t t = 0; t < estimate.frames.targets.size(); ++t) {
+    const Eigen::Isometry3d& estimated = estimate.frames.targets[t].X_FT;
+    const Eigen::Isometry3d& truth = result.truth_in_gauge.frames.targets[t].X_FT;
     length = std::max(length, (estimated.translation() - truth.translation()).cwiseAbs().maxCoeff());
-    if (estimate.targets[t].with_orientation) {
+    if (estimate.frames.targets[t].with_orientation) {
       angle = std::max(angle, rotation_log(truth.linear().transpose() * estimated.linear()).cwiseAbs().maxCoeff());
     }
   }
@@ -94,8 +94,8 @@ Eigen::VectorXd among(Index count, Index first, const Eigen::VectorXd& own) {
 }  // namespace
 
 ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth) {
-  check(estimate, model, estimate.targets.size());
-  check(truth.truth, truth.model, truth.truth.targets.size());
+  check(estimate, model, estimate.frames.targets.size());
+  check(truth.truth, truth.model, truth.truth.frames.targets.size());
   const std::vector<EffectTerm>& added = truth.model.effects;
   if (!model.effects.empty() && !added.empty() && !KDL::Equal(model.gravity, truth.model.gravity, 1e-9)) {
     throw InputError("gravity pulls in another direction in the truth than in the result, expected the same");
@@ -114,36 +114,39 @@ ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, cons
 
 ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_values) {
   Estimate& estimate = arms.estimate;
-  if (!arms.model.stations.empty()) {
+  if (arms.model.has_open_bases) {
     const auto points = [&](const Estimate& arm) {
       Eigen::Matrix3Xd result(3, 0);
       for (const Eigen::Isometry3d& X_BF : flange_poses(arms.model, arm, joint_values)) {
-        for (const TargetFrame& target : arm.targets) {
+        for (const TargetFrame& target : arm.frames.targets) {
           result.conservativeResize(3, result.cols() + 1);
-          result.rightCols<1>() = arm.X_WB * X_BF * target.X_FT.translation();
+          result.rightCols<1>() = arm.frames.base() * X_BF * target.X_FT.translation();
         }
       }
       return result;
     };
-    estimate.X_WB = rigid_motion(points(estimate), points(with_targets_of(estimate, arms.truth))) * estimate.X_WB;
+    estimate.frames.base() =
+        rigid_motion(points(estimate), points(with_targets_of(estimate, arms.truth))) * estimate.frames.base();
   }
-  arms.model.stations.clear();
-  estimate.other_bases.clear();
-  arms.truth.other_bases.clear();
+  arms.model = at_stations_of({}, std::move(arms.model));
+  estimate.frames.bases.resize(1);
+  arms.truth.frames.bases.resize(1);
   return arms;
 }
 
 std::vector<double> distances_from_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                          const Eigen::MatrixXd& joint_values) {
-  require_count("targets of the truth", truth.targets.size(), estimate.targets.size());
+  require_count("targets of the truth", truth.frames.targets.size(), estimate.frames.targets.size());
   const std::vector<Eigen::Isometry3d> estimated = flange_poses(model, estimate, joint_values);
   const std::vector<Eigen::Isometry3d> true_poses = flange_poses(model, truth, joint_values);
   std::vector<double> distances;
-  distances.reserve(estimated.size() * estimate.targets.size());
+  distances.reserve(estimated.size() * estimate.frames.targets.size());
   for (std::size_t c = 0; c < estimated.size(); ++c) {
-    for (std::size_t t = 0; t < estimate.targets.size(); ++t) {
-      const Eigen::Vector3d predicted = estimate.X_WB * (estimated[c] * estimate.targets[t].X_FT.translation());
-      const Eigen::Vector3d position = truth.X_WB * (true_poses[c] * truth.targets[t].X_FT.translation());
+    for (std::size_t t = 0; t < estimate.frames.targets.size(); ++t) {
+      const Eigen::Vector3d predicted =
+          estimate.frames.base() * (estimated[c] * estimate.frames.targets[t].X_FT.translation());
+      const Eigen::Vector3d position =
+          truth.frames.base() * (true_poses[c] * truth.frames.targets[t].X_FT.translation());
       distances.push_back((predicted - position).norm());
     }
   }
@@ -154,7 +157,7 @@ Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, 
                            const Estimate& truth, const Eigen::MatrixXd& joint_values) {
   Random none(0);  // unused: the predictions are exact
   const Measurements predictions = measure({.model = model, .truth = truth}, joint_values, {}, none);
-  const Unknowns free = Unknowns(model, estimate.targets, reduction.kept);
+  const Unknowns free = Unknowns(model, estimate.frames.targets, reduction.kept);
   Estimate start = estimate;
   start.effects = truth.effects;
   return identify_jointly(model, predictions, start, free, {.step_tolerance = 1e-13}).estimate;
@@ -162,16 +165,16 @@ Estimate truth_in_gauge_of(const ErrorModel& model, const Reduction& reduction, 
 
 TruthComparison compare_with_truth(const ErrorModel& model, const Estimate& estimate, const Estimate& truth,
                                    const Eigen::MatrixXd& joint_values) {
-  check(estimate, model, estimate.targets.size());
-  check(truth, model, truth.targets.size());
+  check(estimate, model, estimate.frames.targets.size());
+  check(truth, model, truth.frames.targets.size());
   const Estimate matched = with_targets_of(estimate, truth);
-  const Reduction reduction = reduced_model(model, estimate.targets);
+  const Reduction reduction = reduced_model(model, estimate.frames.targets);
   const Eigen::MatrixXd few = joint_values.leftCols(std::min(kConfigurationsOfGauge, joint_values.cols()));
   TruthComparison result;
   result.truth_in_gauge = truth_in_gauge_of(model, reduction, estimate, matched, few);
   result.gauge_misfit = rms(distances_from_truth(model, result.truth_in_gauge, matched, joint_values));
   result.parameters = compared_parameters(model, reduction, estimate, matched, result.truth_in_gauge);
-  const Eigen::Isometry3d base = result.truth_in_gauge.X_WB.inverse() * estimate.X_WB;
+  const Eigen::Isometry3d base = result.truth_in_gauge.frames.base().inverse() * estimate.frames.base();
   result.base_difference << base.translation(), rotation_log(base.linear());
   take_largest_differences(model, estimate, result);
   result.points = error_statistics(distances_from_truth(model, estimate, matched, joint_values));

@@ -49,8 +49,8 @@ TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random)
   const auto fresh = [&] { return measure(trial.robot, trial.configurations(random), trial.noise, random); };
   const Measurements first = fresh();
   const Estimate start = nominal_start(model, first);
-  const Reduction reduction = reduced_model(model, start.targets);
-  const Unknowns free = Unknowns(model, start.targets, reduction.kept);
+  const Reduction reduction = reduced_model(model, start.frames.targets);
+  const Unknowns free = Unknowns(model, start.frames.targets, reduction.kept);
   require_enough_equations(first, free.geometric().size());
 
   TwoStepTrialResult result;

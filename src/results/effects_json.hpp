@@ -1,6 +1,6 @@
 #pragma once
 
-// Not installed. The block `effects` of the result: motions of joints beyond the geometry, complete enough for programs
+// The block `effects` of the result: motions of joints beyond the geometry, complete enough for programs
 // to apply them.
 
 #include <nlohmann/json.hpp>

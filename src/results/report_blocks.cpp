@@ -122,7 +122,7 @@ std::vector<Vector3d> shown_points(const ErrorModel& model, const Estimate& esti
 // From W of the observation's station to W of the first, in which the page shows all points.
 Eigen::Isometry3d to_first_station(const Estimate& estimate, const Observation& observation) {
   return observation.station == 0 ? Eigen::Isometry3d::Identity()
-                                  : estimate.X_WB * estimate.base(station_of(observation)).inverse();
+                                  : estimate.frames.base() * estimate.frames.base(station_of(observation)).inverse();
 }
 
 std::vector<double> norms(const std::vector<Vector3d>& vectors) {
@@ -193,7 +193,7 @@ Json of_controller(const JointConvention& convention, const std::vector<MovingJo
 void add_reach(const ReportedMeasurements& reported, const std::vector<Vector3d>& measured,
                const Eigen::MatrixXd& joint_values, Json& result) {
   const Estimate& estimate = reported.estimate;
-  const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
+  const Eigen::Isometry3d X_BW = estimate.frames.base().inverse();
   const std::vector<Observation>& rows = reported.measurements.observations;
   const auto is_fitted = [](const Observation& observation) { return observation.split == Split::train; };
   const bool any_fitted = std::any_of(rows.begin(), rows.end(), is_fitted);
@@ -232,7 +232,7 @@ ShownJoints shown_joints(const ErrorModel& model, const Eigen::MatrixXd& q,
 
 Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
   Json targets = Json::array();
-  for (const TargetFrame& target : estimate.targets) {
+  for (const TargetFrame& target : estimate.frames.targets) {
     targets.push_back({{"name", target.name}, {"position", array(target.X_FT.translation())}});
   }
   const auto count = static_cast<int>(model.joints.size());
@@ -243,7 +243,7 @@ Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& es
           {"segments", segments_json(robot, model, estimate)},
           {"tip_correction", frame12(to_eigen(frame_correction(model, estimate.errors, count)))},
           {"shapes", shapes_json(robot)},
-          {"base", frame12(estimate.X_WB)},
+          {"base", frame12(estimate.frames.base())},
           {"targets", targets}};
 }
 

@@ -124,7 +124,7 @@ std::string report_page(std::string_view data) { return page_of(tree::parsed(dat
 
 std::string reported_robot(const Robot& robot, const ErrorModel& model, const Estimate& estimate) {
   check(model);
-  check(estimate, model, estimate.targets.size());
+  check(estimate, model, estimate.frames.targets.size());
   return robot_block(robot, model, estimate).dump();
 }
 
@@ -157,7 +157,7 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     const SavedCalibration saved = parse_calibration(page.result, *page.robot, page.source);
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
-      const Estimate before = nominal_start(saved.model, *page.measurements, page.known);
+      const Estimate before = nominal_start(saved.model, *page.measurements, {.known = page.known});
       data["measured"] = measurements_block({.model = saved.model,
                                              .estimate = saved.estimate,
                                              .measurements = *page.measurements,

@@ -50,7 +50,7 @@ struct CalibrationPage {
   std::string source;       ///< name of the result, for messages
   const Robot* robot = nullptr;
   const Measurements* measurements = nullptr;  ///< the fitted ones; requires `robot`
-  RegistrationOptions known;                   ///< known frames of the calibration
+  KnownFrames known;                           ///< of the calibration
   std::optional<JointConvention> convention = std::nullopt;
   std::string plan_command;  ///< command that plans the next measurements; empty: not shown
 };

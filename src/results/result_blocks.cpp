@@ -178,7 +178,7 @@ Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration
     }
   }
   Json targets = Json::array();
-  for (const TargetFrame& target : exported.estimate.targets) {
+  for (const TargetFrame& target : exported.estimate.frames.targets) {
     Json entry = {{"name", target.name}};
     entry.update(frame_block(target.X_FT, target.with_orientation));
     targets.push_back(entry);
@@ -189,7 +189,7 @@ Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration
   } catch (const InputError&) {  // no URDF can represent the errors of the last link
   }
   return {{"parameters", parameters},
-          {"base", frame_block(exported.estimate.X_WB, true)},
+          {"base", frame_block(exported.estimate.frames.base(), true)},
           {"targets", targets},
           {"position_error",
            {{"train", statistics_json(exported.train)},

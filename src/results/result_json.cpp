@@ -273,7 +273,7 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                              {"explained_by_joint", lack.explained_by_joint}};
   }
   result["predicted_accuracy"] =
-      predicted_json(calibration.uncertainty.predicted, calibration.noise, !calibration.model.stations.empty());
+      predicted_json(calibration.uncertainty.predicted, calibration.noise, calibration.model.has_open_bases);
   if (calibration.uncertainty.predicted.undetermined.cols() > 0) {
     result["undetermined"] =
         undetermined_json(calibration.fit.candidates, calibration.uncertainty.predicted.undetermined);
@@ -345,7 +345,7 @@ double std_of(const std::vector<ParameterEstimate>& parameters, const std::strin
 
 Json targets_json(const CalibrationResult& calibration) {
   Json targets = Json::array();
-  for (const TargetFrame& target : calibration.fit.identification.estimate.targets) {
+  for (const TargetFrame& target : calibration.fit.identification.estimate.frames.targets) {
     Json entry = {{"name", target.name}, {"position", array(target.X_FT.translation())}};
     if (target.with_orientation) {
       entry["quaternion_wxyz"] = quaternion(target.X_FT.linear());
@@ -361,7 +361,7 @@ Json targets_json(const CalibrationResult& calibration) {
 }
 
 Json base_json(const CalibrationResult& calibration, std::size_t station) {
-  const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.base(station);
+  const Eigen::Isometry3d& X_WB = calibration.fit.identification.estimate.frames.base(station);
   const std::vector<std::string> names = base_parameter_names(calibration.model);
   Json std = Json::array();
   for (std::size_t i = 6 * station; i < 6 * station + 6; ++i) {
@@ -376,7 +376,7 @@ Json stations_json(const CalibrationResult& calibration) {
     Json entry = {{"name", calibration.model.stations[station]}};
     entry.update(base_json(calibration, station));
     const Eigen::Vector3d origin =
-        calibration.fit.identification.estimate.base(station).inverse(Eigen::Isometry).translation();
+        calibration.fit.identification.estimate.frames.base(station).inverse(Eigen::Isometry).translation();
     entry["origin_in_base"] = std::vector<double>(origin.begin(), origin.end());
     stations.push_back(entry);
   }
@@ -440,7 +440,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["effects"] = effects_json(calibration, measurements);
   result["model"] = reduction_json(calibration.fit.reduction);
   result["base"] = base_json(calibration, 0);
-  if (!calibration.model.stations.empty()) {
+  if (calibration.model.has_open_bases) {
     result["stations"] = stations_json(calibration);
   }
   result["targets"] = targets_json(calibration);

@@ -318,11 +318,11 @@ void add_base(const std::string& name, const Eigen::Isometry3d& X_WB, std::strin
 void add_frames(const ErrorModel& model, const Estimate& estimate, std::string& text) {
   const std::string axes = "           x           y           z\n";
   text += "\nbase, as measured [mm]    " + axes;
-  for (std::size_t station = 0; station <= estimate.other_bases.size(); ++station) {
-    add_base(model.stations.empty() ? "origin" : "from " + model.stations[station], estimate.base(station), text);
+  for (std::size_t station = 0; station < estimate.frames.bases.size(); ++station) {
+    add_base(model.has_open_bases ? "from " + model.stations[station] : "origin", estimate.frames.base(station), text);
   }
   text += "\ntargets on the flange [mm]" + axes;
-  for (const TargetFrame& target : estimate.targets) {
+  for (const TargetFrame& target : estimate.frames.targets) {
     text += row_of(target.name, target.X_FT.translation());
   }
 }

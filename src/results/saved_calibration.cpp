@@ -143,7 +143,7 @@ void read_covariance(const Node& block, SavedCalibration& saved) {
   for (const Node& node : elements(member(block, "names"))) {
     names.push_back(tree::name(node));
   }
-  saved.free = Unknowns(saved.model, saved.estimate.targets, names);
+  saved.free = Unknowns(saved.model, saved.estimate.frames.targets, names);
   if (saved.free.names() != names) {
     fail(member(block, "names"), "the parameters in the order base, geometry, effects, targets");
   }
@@ -296,7 +296,7 @@ void read_prediction(const Node& top, SavedCalibration& saved) {
     for (const Node& node : elements(member(undetermined, "names"))) {
       names.push_back(tree::name(node));
     }
-    saved.candidates = Unknowns(saved.model, saved.estimate.targets, names);
+    saved.candidates = Unknowns(saved.model, saved.estimate.frames.targets, names);
     const std::vector<Node> directions = elements(member(undetermined, "directions"));
     saved.undetermined.resize(saved.candidates.size(), static_cast<Eigen::Index>(directions.size()));
     for (std::size_t d = 0; d < directions.size(); ++d) {
@@ -382,10 +382,12 @@ void read_stations(const Node& top, SavedCalibration& saved) {
     return;
   }
   const Node block = member(top, "stations");
+  saved.model.has_open_bases = true;
+  saved.model.stations.clear();
   for (const Node& node : elements(block)) {
     saved.model.stations.push_back(tree::name(member(node, "name")));
     if (saved.model.stations.size() > 1) {
-      saved.estimate.other_bases.push_back(tree::pose(node));
+      saved.estimate.frames.bases.push_back(tree::pose(node));
     }
   }
   const std::set<std::string> names(saved.model.stations.begin(), saved.model.stations.end());
@@ -405,10 +407,10 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   read_stations(top, saved);
   const std::vector<double> effects_freedom = read_parameters(top, saved);
   if (has(top, "base")) {
-    saved.estimate.X_WB = tree::pose(member(top, "base"));
+    saved.estimate.frames.base() = tree::pose(member(top, "base"));
   }
   if (has(top, "targets")) {
-    saved.estimate.targets = targets_of(top);
+    saved.estimate.frames.targets = targets_of(top);
   }
   if (has(top, "covariance") && !member(top, "covariance").json.is_null()) {
     read_covariance(member(top, "covariance"), saved);

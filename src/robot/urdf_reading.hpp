@@ -1,6 +1,6 @@
 #pragma once
 
-// Shared by reading and rewriting a URDF. Not installed.
+// Shared by reading and rewriting a URDF.
 
 #include <fmt/core.h>
 #include <tinyxml2.h>

@@ -1,6 +1,6 @@
 #pragma once
 
-// Change points of series of values. Not installed.
+// Change points of series of values.
 
 #include <Eigen/Core>
 #include <algorithm>

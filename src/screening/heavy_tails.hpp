@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <vector>
 
 namespace kdl_calibration {

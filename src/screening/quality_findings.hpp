@@ -1,8 +1,6 @@
 #pragma once
 
 // Shared by the checks of distances and of residuals: groups of rows, and messages of findings.
-// Not installed.
-
 #include <cstddef>
 #include <set>
 #include <vector>

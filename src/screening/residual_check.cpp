@@ -46,8 +46,8 @@ struct ResidualTable {
 
 double fitted_parameters(const Estimate& estimate) {
   return static_cast<double>((estimate.errors.array() != 0.0).count() + (estimate.effects.array() != 0.0).count()) +
-         6.0 * static_cast<double>(1 + estimate.other_bases.size()) +
-         3.0 * static_cast<double>(estimate.targets.size());
+         6.0 * static_cast<double>(estimate.frames.bases.size()) +
+         3.0 * static_cast<double>(estimate.frames.targets.size());
 }
 
 // Scatter of the rows of one split; the noise floor if it has none.
@@ -113,9 +113,9 @@ ResidualTable residual_table(const ErrorModel& model, const Measurements& measur
   table.X_WF = flange_poses(model, estimate, measurements);
   const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
   for (std::size_t c = 0; c < table.X_WF.size(); ++c) {
-    table.X_WF[c] = estimate.base(static_cast<std::size_t>(stations[c])) * table.X_WF[c];
+    table.X_WF[c] = estimate.frames.base(static_cast<std::size_t>(stations[c])) * table.X_WF[c];
   }
-  for (const TargetFrame& target : estimate.targets) {
+  for (const TargetFrame& target : estimate.frames.targets) {
     table.targets.emplace_back(target.X_FT.translation());
   }
   std::vector<Repeats> repeats(measurements.targets.size());

@@ -1,6 +1,6 @@
 #pragma once
 
-// Screening of the measurements for gross errors by robust fits. Not installed.
+// Screening of the measurements for gross errors by robust fits.
 
 #include <vector>
 

@@ -54,9 +54,7 @@ Unknowns with_frames(const ErrorModel& model, const std::vector<TargetFrame>& ta
 Estimate registered(const ErrorModel& model, const Unknowns& own, const VectorXd& mean, const Measurements& training) {
   Estimate arm = own.moved({.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()))}, mean);
   Registration registration = register_base_and_targets(flange_poses(model, arm, training), training);
-  arm.X_WB = registration.X_WB;
-  arm.targets = std::move(registration.targets);
-  arm.other_bases = std::move(registration.other_bases);
+  arm.frames = std::move(registration.frames);
   return arm;
 }
 
@@ -199,7 +197,7 @@ ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& tra
   }
   const MatrixXd L = root.matrixL();
   Estimate at = registered(model, own, earlier.prior.mean, training);
-  const Unknowns free = with_frames(model, at.targets, earlier.prior.names);
+  const Unknowns free = with_frames(model, at.frames.targets, earlier.prior.names);
   const LeastSquaresProblem problem(model, training, free, options);
   const Index first = free.range(UnknownGroup::geometric).first;
   const Index targets = free.range(UnknownGroup::targets).count;

@@ -124,7 +124,7 @@ Unknowns joint_offsets(const ErrorModel& model, const std::vector<TargetFrame>& 
 
 LinearRows joint_rows(const ErrorModel& rigid, const Measurements& means, const Estimate& optimum,
                       double orientation_length) {
-  const Candidate candidate{.model = rigid, .free = joint_offsets(rigid, optimum.targets)};
+  const Candidate candidate{.model = rigid, .free = joint_offsets(rigid, optimum.frames.targets)};
   return linear_rows(candidate, means, optimum, orientation_length);
 }
 

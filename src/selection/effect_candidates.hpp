@@ -1,6 +1,6 @@
 #pragma once
 
-// A model with more or fewer effects, linearised at the optimum of geometry alone. Not installed.
+// A model with more or fewer effects, linearised at the optimum of geometry alone.
 
 #include <Eigen/Core>
 #include <string>

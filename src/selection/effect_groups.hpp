@@ -1,6 +1,6 @@
 #pragma once
 
-// The groups of effects that may be added to a model. Not installed.
+// The groups of effects that may be added to a model.
 
 #include <Eigen/Core>
 #include <string>

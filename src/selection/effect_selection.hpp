@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <functional>
 #include <vector>
 

@@ -59,13 +59,12 @@ std::vector<std::string> fixed_frames(const ErrorModel& model, const std::vector
   };
   const std::vector<std::string> bases = base_parameter_names(model);
   for (std::size_t i = 0; i < bases.size(); ++i) {
-    const bool is_known =
-        options.known_base || (!model.stations.empty() && find_base(options.known_stations, model.stations[i / 6]));
+    const bool is_known = find_base(options.known.bases, model.stations[i / 6]) != nullptr;
     consider(bases[i], is_known, "known_base");
   }
   for (const TargetFrame& target : targets) {
     for (const std::string& name : target_parameter_names(target)) {
-      consider(name, find_target(options.known_targets, target.name) != nullptr, "known_targets");
+      consider(name, find_target(options.known.targets, target.name) != nullptr, "known_targets");
     }
   }
   return result;
@@ -73,7 +72,7 @@ std::vector<std::string> fixed_frames(const ErrorModel& model, const std::vector
 
 // The reduction has one base. It is fixed if that of any station is, because the targets are told from the arm there.
 std::vector<std::string> of_one_base(const ErrorModel& model, std::vector<std::string> fixed) {
-  if (!model.stations.empty() && std::erase_if(fixed, is_of_station) > 0) {
+  if (model.has_open_bases && std::erase_if(fixed, is_of_station) > 0) {
     fixed.insert(fixed.end(), base_parameter_names().begin(), base_parameter_names().end());
   }
   return fixed;
@@ -81,7 +80,7 @@ std::vector<std::string> of_one_base(const ErrorModel& model, std::vector<std::s
 
 // With several stations the bases of all stand in the place of the base.
 void give_each_station_a_base(const ErrorModel& model, Reduction& reduction) {
-  if (model.stations.empty()) {
+  if (!model.has_open_bases) {
     return;
   }
   std::vector<std::string> kept = base_parameter_names(model);

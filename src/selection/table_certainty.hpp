@@ -1,7 +1,5 @@
 #pragma once
 
-// Not installed.
-
 #include <Eigen/Core>
 #include <map>
 #include <utility>

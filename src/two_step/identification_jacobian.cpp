@@ -18,20 +18,20 @@ using Eigen::MatrixXd;
 
 MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                  const Eigen::VectorXd& q) {
-  check(estimate, model, estimate.targets.size());
-  check(free, model, estimate.targets.size());
+  check(estimate, model, estimate.frames.targets.size());
+  check(free, model, estimate.frames.targets.size());
   if (!free.effects().empty()) {
     refuse_input("the published identification Jacobian has no columns for effects", "none to be free");
   }
   const Eigen::Isometry3d X_BF = flange_pose(folded(model, estimate.errors), q);
   const std::vector<ChainFactor> factors = chain_factors(model);
   const MatrixProduct product = matrix_product(factors, estimate.errors, q);
-  const Eigen::Matrix3d R_WB = estimate.X_WB.linear();
+  const Eigen::Matrix3d R_WB = estimate.frames.base().linear();
   const ColumnRange base = free.range(UnknownGroup::base);
   const ColumnRange geometric = free.range(UnknownGroup::geometric);
-  MatrixXd J = MatrixXd::Zero(3 * static_cast<Index>(estimate.targets.size()), free.size());
-  for (std::size_t k = 0; k < estimate.targets.size(); ++k) {
-    const Eigen::Vector3d p_F = estimate.targets[k].X_FT.translation();
+  MatrixXd J = MatrixXd::Zero(3 * static_cast<Index>(estimate.frames.targets.size()), free.size());
+  for (std::size_t k = 0; k < estimate.frames.targets.size(); ++k) {
+    const Eigen::Vector3d p_F = estimate.frames.targets[k].X_FT.translation();
     const Eigen::Vector3d p_B = X_BF * p_F;
     auto rows = J.middleRows<3>(3 * static_cast<Index>(k));
     for (Index c = 0; c < base.count; ++c) {  // right-multiplied by a small motion in its own frame
@@ -50,7 +50,7 @@ MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estima
 }
 
 MatrixXd base_and_tool_matrix(const ErrorModel& model, const Estimate& estimate, const Eigen::VectorXd& q) {
-  const auto tools = static_cast<Index>(estimate.targets.size());
+  const auto tools = static_cast<Index>(estimate.frames.targets.size());
   const Eigen::Isometry3d T_robot = flange_pose(folded(model, estimate.errors), q);
   MatrixXd A(3 * tools, 6 + 3 * tools);
   for (Index j = 0; j < tools; ++j) {

@@ -26,11 +26,11 @@ using Eigen::VectorXd;
 // where [~p]^T phi = phi x p is the small rotation of the base and u_j the tool.
 void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const Measurements& measurements,
                            Estimate& estimate) {
-  const Index tools = static_cast<Index>(estimate.targets.size());
+  const Index tools = static_cast<Index>(estimate.frames.targets.size());
   const Index unknowns = 6 + 3 * tools;
   MatrixXd AtA = MatrixXd::Zero(unknowns, unknowns);
   VectorXd Atp = VectorXd::Zero(unknowns);
-  const Eigen::Isometry3d X_BW = estimate.X_WB.inverse();
+  const Eigen::Isometry3d X_BW = estimate.frames.base().inverse();
   for (const Observation& observation : measurements.observations) {
     const Eigen::Isometry3d& pose = T_robot[static_cast<std::size_t>(observation.configuration)];
     const Matrix3Xd A = base_and_tool_rows(pose, observation.target, tools);
@@ -39,10 +39,10 @@ void update_base_and_tools(const std::vector<Eigen::Isometry3d>& T_robot, const 
     Atp += A.transpose() * dp;
   }
   const VectorXd solution = AtA.ldlt().solve(Atp);
-  estimate.X_WB.translation() += estimate.X_WB.linear() * solution.head<3>();
-  estimate.X_WB.linear() = estimate.X_WB.linear() * rotation_exp(solution.segment<3>(3));
+  estimate.frames.base().translation() += estimate.frames.base().linear() * solution.head<3>();
+  estimate.frames.base().linear() = estimate.frames.base().linear() * rotation_exp(solution.segment<3>(3));
   for (Index j = 0; j < tools; ++j) {
-    estimate.targets[static_cast<std::size_t>(j)].X_FT.translation() = solution.segment<3>(6 + 3 * j);
+    estimate.frames.targets[static_cast<std::size_t>(j)].X_FT.translation() = solution.segment<3>(6 + 3 * j);
   }
 }
 
@@ -66,13 +66,13 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
   double sum = 0.0;
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
-    const Vector3d tool = estimate.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
+    const Vector3d tool = estimate.frames.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
     const Vector3d dp = observation.position() - predicted_point(estimate, T_robot, observation);
     if (observation.configuration != configuration) {
       configuration = observation.configuration;
       product = matrix_product(factors, estimate.errors, measurements.joint_values.col(configuration));
     }
-    const Matrix3Xd J = estimate.X_WB.linear() * point_columns(factors, product, geometric, tool);
+    const Matrix3Xd J = estimate.frames.base().linear() * point_columns(factors, product, geometric, tool);
     JtJ += J.transpose() * J;
     Jtp += J.transpose() * dp;
     sum += dp.squaredNorm();

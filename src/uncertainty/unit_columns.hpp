@@ -1,8 +1,6 @@
 #pragma once
 
 // Jacobians with their columns scaled to unit norm, which makes their singular values independent of units.
-// Not installed.
-
 #include <Eigen/Core>
 #include <optional>
 #include <utility>

@@ -196,7 +196,7 @@ private:
     const auto X_BF = flange_poses(problem_.model, problem_.start, measurements.joint_values.col(configuration),
                                    column(measurements.signals, configuration));
     const std::size_t station = station_of(measurements.observations[rows_.at(configuration).front()]);
-    const Matrix3d R_WF = problem_.start.base(station).linear() * X_BF.front().linear();
+    const Matrix3d R_WF = problem_.start.frames.base(station).linear() * X_BF.front().linear();
     for (std::size_t i = 0; i < system.targets.size(); ++i) {
       const auto first = static_cast<Index>(3 * i);
       const Matrix3d in_flange = without.covariance(J.middleRows(first, 3));

@@ -17,21 +17,19 @@
 namespace kdl_calibration {
 namespace {
 
-Freedom freedom_of(const Measurements& training, const RegistrationOptions& known, const Registration& registration) {
+Freedom freedom_of(const Measurements& training, const KnownFrames& known, const Registration& registration) {
   std::set<int> targets;
   std::set<int> configurations;
   std::set<int> stations;
   for (const Observation& observation : training.observations) {
     targets.insert(observation.target);
     configurations.insert(observation.configuration);
-    if (training.stations.size() < 2 ||
-        find_base(known.known_stations, training.stations[station_of(observation)]) == nullptr) {
+    if (find_base(known.bases, training.stations[station_of(observation)]) == nullptr) {
       stations.insert(observation.station);
     }
   }
-  const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.known_targets.size());
-  const int bases = known.known_base ? 0 : static_cast<int>(stations.size());
-  return {.unknowns = 6 * bases + 3 * std::max(unknown_targets, 0),
+  const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.targets.size());
+  return {.unknowns = 6 * static_cast<int>(stations.size()) + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
           .coordinates = dimension(averaged(training)),
           .configurations = static_cast<int>(configurations.size())};
@@ -67,16 +65,12 @@ Measurements rows_to_register(Measurements measurements) {
 }
 
 RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
-                                   const Measurements& to_register, const RegistrationOptions& known) {
+                                   const Measurements& to_register, const KnownFrames& known) {
   require_rows_of_each_station(measurements, *TrainingRows(to_register));
-  RegisteredErrors result{.registration = register_base_and_targets(X_BF, to_register, known)};
+  RegisteredErrors result{.registration = register_base_and_targets(X_BF, to_register, {.known = known})};
   result.freedom = freedom_of(*TrainingRows(to_register), known, result.registration);
   require_freedom(result.freedom, measurements.source);
-  const Estimate placed{.errors = {},
-                        .X_WB = result.registration.X_WB,
-                        .targets = result.registration.targets,
-                        .effects = {},
-                        .other_bases = result.registration.other_bases};
+  const Estimate placed{.errors = {}, .frames = result.registration.frames, .effects = {}};
   const auto statistics = [&](Rows rows) {
     return error_statistics(position_errors(X_BF, placed, measurements, rows));
   };

@@ -45,6 +45,6 @@ Measurements rows_to_register(Measurements measurements);
 /// Errors at `measurements`, with base and targets registered to rows_to_register(measurements). `X_BF` holds one
 /// flange pose per configuration. Throws InputError if base and targets take all coordinates.
 RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements,
-                                   const Measurements& to_register, const RegistrationOptions& known);
+                                   const Measurements& to_register, const KnownFrames& known);
 
 }  // namespace kdl_calibration

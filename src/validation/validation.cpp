@@ -26,7 +26,7 @@ void require_fit(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
                  const Measurements& measurements) {
   check(measurements);
   require_count("poses of the flange", X_BF.size(), measurements.configurations.size());
-  require_count("targets of an estimate", estimate.targets.size(), measurements.targets.size());
+  require_count("targets of an estimate", estimate.frames.targets.size(), measurements.targets.size());
 }
 
 }  // namespace
@@ -83,11 +83,7 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
                     const RegistrationOptions& options) {
   const Registration registration =
       register_base_and_targets(flange_poses(folded(model, errors), measurements.joint_values), measurements, options);
-  return {.errors = errors,
-          .X_WB = registration.X_WB,
-          .targets = registration.targets,
-          .effects = {},
-          .other_bases = registration.other_bases};
+  return {.errors = errors, .frames = registration.frames, .effects = {}};
 }
 
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {

@@ -169,13 +169,13 @@ TEST(Doors, OfTheEstimationRefuseWhatDoesNotFit) {
   Estimate short_one = s.estimate;
   short_one.errors = s.few;
   Estimate alone = s.estimate;
-  alone.targets.resize(1);
+  alone.frames.targets.resize(1);
   const LeastSquaresProblem problem(model, s.data, m.free);
   const std::vector<Eigen::Isometry3d> X_BF(2, Eigen::Isometry3d::Identity());
   const PositionPredictor predictor(model, s.estimate, m.free);
   RowSummary summary(4);
   const auto same_data = [&](int) { return s.data; };
-  EXPECT_CLOSED("Tq9", Unknowns(model, s.estimate.targets, {"Tq9"}));
+  EXPECT_CLOSED("Tq9", Unknowns(model, s.estimate.frames.targets, {"Tq9"}));
   EXPECT_CLOSED("the unknown 6 is not there", m.free.with(model, UnknownGroup::base, {6}));
   EXPECT_CLOSED("1 marks of unknowns", m.free.subset({true}));
   EXPECT_CLOSED("3 values of a step", m.free.moved(s.estimate, s.few));
@@ -262,11 +262,11 @@ TEST(Doors, OfTheSimulationRefuseWhatDoesNotFit) {
   broken.truth.errors = s.few;
   const MatrixXd q = MatrixXd::Zero(6, 2);
   Estimate alone = s.estimate;
-  alone.targets.resize(1);
+  alone.frames.targets.resize(1);
   const auto draw = [](Random&) -> MatrixXd { return MatrixXd::Zero(6, 2); };
   const MonteCarlo nowhere{
-      .model = s.model, .with_errors = s.beyond, .targets = s.estimate.targets, .train = draw, .test = draw};
-  const MonteCarlo empty{.model = s.model, .targets = s.estimate.targets, .train = draw};
+      .model = s.model, .with_errors = s.beyond, .targets = s.estimate.frames.targets, .train = draw, .test = draw};
+  const MonteCarlo empty{.model = s.model, .targets = s.estimate.frames.targets, .train = draw};
   const MonteCarlo no_target{.model = s.model, .train = draw, .test = draw};
   EXPECT_CLOSED("parameter 1000", virtual_robot(s.model, s.beyond, {}, {}, random));
   EXPECT_CLOSED("the size of true errors", virtual_robot(s.model, {}, {}, {.angle = kNaN}, random));

@@ -19,8 +19,7 @@ struct Experiment : testing::VirtualExperiment {
   /// Nominal geometry, base and tools: the start of all that is compared.
   Estimate nominal() const {
     return {.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
-            .X_WB = Eigen::Isometry3d::Identity(),
-            .targets = published_targets(),
+            .frames = {.targets = published_targets()},
             .effects = {}};
   }
 };

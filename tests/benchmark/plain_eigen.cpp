@@ -51,9 +51,10 @@ Outcome fit_with_plain_eigen(const Experiment& experiment, const Measurements& m
       const Observation& o = measured.observations[i];
       if (o.configuration != configuration) {
         configuration = o.configuration;
-        X_WF = estimate.X_WB * flange_jacobian(folded_now, twists, measured.joint_values.col(configuration), chain);
+        X_WF = estimate.frames.base() *
+               flange_jacobian(folded_now, twists, measured.joint_values.col(configuration), chain);
       }
-      const Vector3d t = estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+      const Vector3d t = estimate.frames.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
       const auto row = static_cast<Index>(3 * i);
       J.block(row, 0, 3, chain.cols()) = chain.topRows<3>() - skew(t) * chain.bottomRows<3>();
       J.block<3, 3>(row, chain.cols() + 3 * o.target).setIdentity();
@@ -88,7 +89,7 @@ Outcome fit_with_kdl(const Experiment& experiment, const Measurements& measured,
         X_BF = to_eigen(pose);
       }
       // Rows in the flange frame, columns from twists of the flange in the base frame.
-      const Vector3d t = estimate.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+      const Vector3d t = estimate.frames.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
       const Eigen::Matrix3d to_flange = X_BF.linear().transpose();
       const Vector3d arm = X_BF.linear() * t;
       const auto row = static_cast<Index>(3 * i);
@@ -100,7 +101,7 @@ Outcome fit_with_kdl(const Experiment& experiment, const Measurements& measured,
         J.block<3, 1>(row, column++) = to_flange * (twist.head<3>() + Vector3d(twist.tail<3>()).cross(arm));
       }
       J.block<3, 3>(row, column + 3 * o.target).setIdentity();
-      const Vector3d in_base = estimate.X_WB.inverse() * o.position();
+      const Vector3d in_base = estimate.frames.base().inverse() * o.position();
       e.segment<3>(row) = to_flange * (in_base - X_BF.translation()) - t;
     }
   });

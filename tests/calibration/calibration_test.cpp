@@ -380,11 +380,11 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
          const auto poses = flange_poses(s.model, s.robot.truth, s.measured.joint_values);
          for (Observation& o : s.measured.observations) {
            if (o.target == 2 && o.configuration >= 12) {
-             o.position() +=
-                 s.robot.truth.X_WB.linear() * poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
+             o.position() += s.robot.truth.frames.base().linear() *
+                             poses[static_cast<std::size_t>(o.configuration)].linear() * slip;
            }
          }
-         s.robot.truth.targets[2].X_FT.translation() += slip;  // where it is from now on
+         s.robot.truth.frames.targets[2].X_FT.translation() += slip;  // where it is from now on
        }},
       {"swapped in configuration 6",
        [](Simulated& s) { std::swap(s.measured.observations[15].position(), s.measured.observations[16].position()); }},
@@ -580,8 +580,8 @@ TEST(Calibration, RefusesPredictionsThatDoNotHoldTogetherAndFitsOfNothing) {
   options.predict_at.joint_values(3, 0) = std::nan("");
   EXPECT_THAT(refused(s.model, s.measured, options), HasSubstr("where to predict"));
   options = kFitAlone;
-  options.parameters.known_base = s.robot.truth.X_WB;
-  options.parameters.known_targets = s.robot.truth.targets;
+  options.parameters.known.bases = {{.X_WB = s.robot.truth.frames.base()}};
+  options.parameters.known.targets = s.robot.truth.frames.targets;
   options.parameters.fix = {"*"};
   EXPECT_THAT(refused(s.model, s.measured, options),
               HasSubstr("fix: leaves nothing to estimate of base, targets and geometric errors; validation predicts"));

@@ -49,7 +49,7 @@ struct Arm : testing::VirtualExperiment {
 
   DeterminedFit fitted(const std::vector<std::string>& without = {}) const {
     const ParameterSelection choice =
-        select_parameters(model, start.targets, options.parameters, {.configurations = 20});
+        select_parameters(model, start.frames.targets, options.parameters, {.configurations = 20});
     std::vector<std::string> names = choice.free;
     for (const std::string& name : without) {
       std::erase(names, name);
@@ -57,7 +57,7 @@ struct Arm : testing::VirtualExperiment {
     const FitProblem problem{.model = model,
                              .measurements = measured,
                              .start = start,
-                             .free = Unknowns(model, start.targets, names),
+                             .free = Unknowns(model, start.frames.targets, names),
                              .options = {.loss = options.estimator.loss}};
     require_two_step_data(problem.free, measured, options);
     return fit_determined_parameters(problem, choice,
@@ -76,10 +76,10 @@ TEST(DeterminedFit, TheTwoStepProcedureRefusesWhatItWasNotPublishedFor) {
   };
   EXPECT_EQ(refused([](Arm&) {}), "nothing was refused");
   const std::string frames = "method: the two-step procedure finds base and targets, which cannot be known or fixed";
-  EXPECT_EQ(refused([](Arm& a) { a.options.parameters.known_base = a.start.X_WB; }), frames);
-  EXPECT_EQ(refused([](Arm& a) { a.options.parameters.known_targets = a.start.targets; }), frames);
+  EXPECT_EQ(refused([](Arm& a) { a.options.parameters.known.bases = {{.X_WB = a.start.frames.base()}}; }), frames);
+  EXPECT_EQ(refused([](Arm& a) { a.options.parameters.known.targets = a.start.frames.targets; }), frames);
   EXPECT_EQ(refused([](Arm& a) {
-              a.options.parameters.known_targets = {a.start.targets[0], a.start.targets[2]};
+              a.options.parameters.known.targets = {a.start.frames.targets[0], a.start.frames.targets[2]};
             }),
             frames);
   EXPECT_EQ(refused([](Arm& a) {
@@ -280,9 +280,9 @@ double difference_in_sigmas(const Estimate& a, const Estimate& b, const Unknowns
 }
 
 void expect_same_frames(const Estimate& found, const Estimate& expected) {
-  EXPECT_LT((found.X_WB.matrix() - expected.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-8);
-  for (std::size_t k = 0; k < expected.targets.size(); ++k) {
-    const Eigen::Matrix4d difference = found.targets[k].X_FT.matrix() - expected.targets[k].X_FT.matrix();
+  EXPECT_LT((found.frames.base().matrix() - expected.frames.base().matrix()).cwiseAbs().maxCoeff(), 1e-8);
+  for (std::size_t k = 0; k < expected.frames.targets.size(); ++k) {
+    const Eigen::Matrix4d difference = found.frames.targets[k].X_FT.matrix() - expected.frames.targets[k].X_FT.matrix();
     EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-8) << "target " << k;
   }
 }
@@ -337,9 +337,9 @@ TEST(WholeFitOfEveryKind, MeasuredOrientationsWithEveryNoiseAreTheDenseFit) {
 
 TEST(WholeFitOfEveryKind, KnownFramesWithEveryNoiseAreTheDenseFit) {
   const Measured arm = posed_arm(2, 2);
-  Eigen::Isometry3d base = arm.robot.truth.X_WB;  // off, so that it matters that they are kept
+  Eigen::Isometry3d base = arm.robot.truth.frames.base();  // off, so that it matters that they are kept
   base.translation() += Vector3d(2e-4, -1e-4, 3e-4);
-  std::vector<TargetFrame> targets = arm.robot.truth.targets;
+  std::vector<TargetFrame> targets = arm.robot.truth.frames.targets;
   targets[0].X_FT.translate(Vector3d(-2e-4, 1e-4, 0.0));
   targets[0].X_FT.rotate(testing::turned_by({3e-4, 0.0, -2e-4}));
   for (Statement& statement : statements()) {
@@ -349,18 +349,18 @@ TEST(WholeFitOfEveryKind, KnownFramesWithEveryNoiseAreTheDenseFit) {
       SCOPED_TRACE(statement.name + (known_base ? ", known base" : ", known targets"));
       CalibrationSettings options = statement.options;
       if (known_base) {
-        options.parameters.known_base = base;
+        options.parameters.known.bases = {{.X_WB = base}};
       } else {
-        options.parameters.known_targets = targets;
+        options.parameters.known.targets = targets;
       }
       const CalibrationResult calibration = calibrate(arm.model, arm.measured, options);
       expect_dense_fit(arm, calibration, statement.dense);
       const Estimate& found = calibration.fit.identification.estimate;
       if (known_base) {
-        EXPECT_EQ(found.X_WB.matrix(), base.matrix());
+        EXPECT_EQ(found.frames.base().matrix(), base.matrix());
       } else {
-        EXPECT_EQ(found.targets[0].X_FT.matrix(), targets[0].X_FT.matrix());
-        EXPECT_EQ(found.targets[1].X_FT.translation(), targets[1].X_FT.translation());
+        EXPECT_EQ(found.frames.targets[0].X_FT.matrix(), targets[0].X_FT.matrix());
+        EXPECT_EQ(found.frames.targets[1].X_FT.translation(), targets[1].X_FT.translation());
       }
     }
   }
@@ -394,7 +394,7 @@ TEST(WholeFitOfEveryKind, WeightsOfRowsAreSharesOfTheirOwnInformation) {
     weights.push_back(o.configuration == 3 && o.target == 1 ? 0.0 : 0.2 + 0.1 * (o.configuration % 8));
   }
   const Estimate start = nominal_start(arm.model, arm.measured);
-  const Unknowns free = Unknowns(arm.model, start.targets, reduced_model(arm.model, start.targets).kept);
+  const Unknowns free = Unknowns(arm.model, start.frames.targets, reduced_model(arm.model, start.frames.targets).kept);
   for (Statement& statement : statements()) {
     SCOPED_TRACE(statement.name);
     const JointOptions options{.residuals = {.noise = statement.options.noise.stated, .row_weights = weights}};
@@ -569,8 +569,8 @@ std::vector<double> fitted_numbers(const CalibrationResult& c, const std::vector
   std::vector<double> all;
   const Estimate& estimate = c.fit.identification.estimate;
   append(all, estimate.errors);
-  append(all, estimate.X_WB.matrix());
-  for (const TargetFrame& target : estimate.targets) {
+  append(all, estimate.frames.base().matrix());
+  for (const TargetFrame& target : estimate.frames.targets) {
     append(all, target.X_FT.matrix());
   }
   append(all, estimate.effects);
@@ -676,7 +676,7 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
 Measured at_limits(double sigma) { return {5, published_targets(), 25, {.sigma = sigma}}; }
 
 Unknowns irreducible(const Measured& s) {
-  return Unknowns(s.model, s.robot.truth.targets, reduced_model(s.model, s.robot.truth.targets).kept);
+  return Unknowns(s.model, s.robot.truth.frames.targets, reduced_model(s.model, s.robot.truth.frames.targets).kept);
 }
 
 void expect_end(const Identification& fit, Termination termination, const std::string& name,
@@ -698,7 +698,7 @@ TEST(Terminations, SayHowTheJointFitEnded) {
              "converged", "no step can reduce the misfit by more than its rounding");
   std::vector<std::string> names = free.names();
   names.emplace_back("dq1");
-  const Unknowns with_gauge(s.model, start.targets, names);
+  const Unknowns with_gauge(s.model, start.frames.targets, names);
   expect_end(identify_jointly(s.model, s.measured, start, with_gauge), Termination::rank_deficient, "rank_deficient",
              "converged, but the measurements do not determine all parameters");
   s.measured.observations[10].position().x() = 1e200;  // finite, its square is not

@@ -432,9 +432,9 @@ CalibrationResult with_a_held_joint() {
 CalibrationResult without_effect_of_joint_6() {
   const std::vector<TargetFrame> targets = testing::targets_at({{0.0, 0.1, 0.0}});
   Series s(2, {.sigma = kNoise}, targets);
-  s.robot.truth.targets = targets;
+  s.robot.truth.frames.targets = targets;
   s.measure_at(s.measured.joint_values);
-  return s.calibrated({.parameters = {.fix = {"?x6", "?z6"}, .free = {"dq6"}, .known_targets = targets}});
+  return s.calibrated({.parameters = {.fix = {"?x6", "?z6"}, .free = {"dq6"}, .known = {.targets = targets}}});
 }
 
 // The only target moves on a circle.
@@ -748,7 +748,7 @@ const Spoiling kStep = doubted_for(
 
 // About an axis through the base, so that a point as far from it as those measured moves by 10 sigma.
 const Spoiling kTurn = doubted_for("moved_base", [](Measured& m, std::uint64_t seed) {
-  const Vector3d base = m.truth.X_WB.translation();
+  const Vector3d base = m.truth.frames.base().translation();
   double squares = 0.0;
   for (const Observation& observation : m.data.observations) {
     squares += (observation.position() - base).squaredNorm();

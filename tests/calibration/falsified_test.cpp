@@ -132,11 +132,11 @@ std::vector<Falsification> of_models() {
            [](Job& job) { joint_values_of_rows(job, 1, [](int, double q) { return q + 0.5; }); }},
           {"the known base a metre off", "known_base",
            [](Job& job) {
-             job.options.parameters.known_base = job.m.truth.X_WB;
-             job.options.parameters.known_base->translation().x() += 1.0;
+             job.options.parameters.known.bases = {{.X_WB = job.m.truth.frames.base()}};
+             job.options.parameters.known.bases.front().X_WB.translation().x() += 1.0;
            }},
           {"the known base inverted", "known_base",
-           [](Job& job) { job.options.parameters.known_base = job.m.truth.X_WB.inverse(); }},
+           [](Job& job) { job.options.parameters.known.bases = {{.X_WB = job.m.truth.frames.base().inverse()}}; }},
           {"test rows with targets exchanged", "test_rows_differ|worse_than_nominal",
            [](Job& job) {
              const int count = static_cast<int>(job.m.data.targets.size());
@@ -267,13 +267,13 @@ TEST(FalsifiedLongRun, FilesOfThreeRobotsAreDoubted) {
 void in_sockets(Job& job) {
   Measured& m = job.m;
   m.data.targets.resize(1);
-  m.truth.targets.resize(1);
+  m.truth.frames.targets.resize(1);
   VirtualRobot robot{.model = m.model, .truth = m.truth};
   robot.truth.effects.resize(0);
   const JointRanges ranges(m.model.joints.size(), {-2.5, 2.5});
   const std::vector<Vector3d> sockets = {{0.0, 0.0, 0.0}, {0.2, 0.0, 0.0}, {0.05, 0.15, 0.1}};
   m.data = without_sigmas(touch({.sockets = sockets, .places = 1}, ranges, 42, job.random, robot));
-  m.data.stations.clear();  // a tracker measures it
+  m.data.stations = {"W"};  // a tracker measures it
   std::stable_sort(m.data.observations.begin(), m.data.observations.end(),
                    [](const Observation& a, const Observation& b) { return a.position().x() < b.position().x(); });
   for_rows(m, [&](Observation& o) { o.position() += 2e-5 * job.direction(); });

@@ -22,8 +22,8 @@ struct Fitted : testing::VirtualExperiment {
       : VirtualExperiment({.random = Random(7)}),
         measured(testing::without_sigmas(measure(30, {.sigma = sigma}))),
         start(nominal_start(model, measured)) {
-    const ParameterSelection choice = select_parameters(model, start.targets, options);
-    fit = fit_determined_parameters(problem(Unknowns(model, start.targets, choice.free)), choice,
+    const ParameterSelection choice = select_parameters(model, start.frames.targets, options);
+    fit = fit_determined_parameters(problem(Unknowns(model, start.frames.targets, choice.free)), choice,
                                     {.estimator = {}, .parameters = options});
   }
   Fitted(const Fitted&) = delete;

@@ -43,12 +43,12 @@ struct Printed {
 
   Printed(const Vector3d& of_base, const Vector3d& of_target, const std::vector<std::string>& names) {
     estimate.errors = testing::errors_of(model);
-    estimate.targets = testing::as_frames(published_targets(2));
-    estimate.X_WB.linear() = testing::turned_by(of_base);
-    estimate.targets[1].X_FT.linear() = testing::turned_by(of_target);
-    free = Unknowns(model, estimate.targets, names);
+    estimate.frames.targets = testing::as_frames(published_targets(2));
+    estimate.frames.base().linear() = testing::turned_by(of_base);
+    estimate.frames.targets[1].X_FT.linear() = testing::turned_by(of_target);
+    free = Unknowns(model, estimate.frames.targets, names);
     turns = MatrixXd::Identity(free.size(), free.size());
-    put("base.T", estimate.X_WB.linear());
+    put("base.T", estimate.frames.base().linear());
     put("base.R", inverse_right_jacobian(of_base));
     put("A.R", inverse_right_jacobian(Vector3d::Zero()));
     put("B.R", inverse_right_jacobian(of_target));

@@ -43,21 +43,21 @@ struct Answer {
 
   explicit Answer(const std::vector<std::string>& free) {
     model.effects = gain_terms(model);
-    start = {.errors = testing::errors_of(model), .targets = a_point_and_a_frame()};
-    start.X_WB.linear() = testing::turned_by({0.1, 0.2, -0.4});
-    start.X_WB.translation() = Eigen::Vector3d(1.0, 2.0, 3.0);
+    start = {.errors = testing::errors_of(model), .frames = {.targets = a_point_and_a_frame()}, .effects = {}};
+    start.frames.base().linear() = testing::turned_by({0.1, 0.2, -0.4});
+    start.frames.base().translation() = Eigen::Vector3d(1.0, 2.0, 3.0);
     Estimate& estimate = fit.identification.estimate;
     estimate = start;
     for (Index p = 0; p < start.errors.size(); ++p) {
       estimate.errors[p] = p % 3 == 0 ? 0.0 : 1e-3 * static_cast<double>(p + 1);
     }
-    estimate.X_WB.translation() += Eigen::Vector3d(0.01, 0.02, 0.03);
-    estimate.X_WB.linear() = testing::turned_by({0.15, 0.2, -0.5});
-    estimate.targets[0].X_FT.translation() += Eigen::Vector3d(0.001, 0.002, 0.003);
-    estimate.targets[1].X_FT.translation() += Eigen::Vector3d(0.004, 0.005, 0.006);
-    estimate.targets[1].X_FT.linear() = testing::turned_by({0.35, -0.1, 0.8});
+    estimate.frames.base().translation() += Eigen::Vector3d(0.01, 0.02, 0.03);
+    estimate.frames.base().linear() = testing::turned_by({0.15, 0.2, -0.5});
+    estimate.frames.targets[0].X_FT.translation() += Eigen::Vector3d(0.001, 0.002, 0.003);
+    estimate.frames.targets[1].X_FT.translation() += Eigen::Vector3d(0.004, 0.005, 0.006);
+    estimate.frames.targets[1].X_FT.linear() = testing::turned_by({0.35, -0.1, 0.8});
     estimate.effects = Eigen::VectorXd::LinSpaced(static_cast<Index>(model.effects.size()), 1e-4, 5e-4);
-    fit.free = Unknowns(model, start.targets, free).with_all(model, UnknownGroup::effects);
+    fit.free = Unknowns(model, start.frames.targets, free).with_all(model, UnknownGroup::effects);
     fit.reduction.kept = {"dq2", "dq4", "Tx1", "Rz3"};
     fit.reduction.gauge = {{.name = "dq1", .tied_to = {"base.Rz"}}};
     covariance = MatrixXd::Zero(fit.free.size(), fit.free.size());
@@ -103,7 +103,7 @@ TEST(ParameterEstimates, LinesAreThoseOfTheEstimateWithTheUncertaintyOfTheirColu
   const auto error = [&](const char* name) {
     return estimate.errors[static_cast<Index>(parameter_index(answer.model, name))];
   };
-  const double y = answer.start.targets[0].X_FT.translation().y();
+  const double y = answer.start.frames.targets[0].X_FT.translation().y();
   for (const Line& expected :
        {Line{"base.Tx", ParameterKind::translation, "x", 1.0, 0.01, true},
         Line{"base.Rz", ParameterKind::rotation, "z", -0.4, -0.1, true},

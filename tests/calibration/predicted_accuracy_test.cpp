@@ -86,20 +86,20 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
     const auto c = static_cast<Index>(i / 3);
     SCOPED_TRACE(point.configuration + " " + point.target);
     EXPECT_EQ(point.configuration, "asked " + std::to_string(c));
-    EXPECT_EQ(point.target, truth.targets[i % 3].name);
+    EXPECT_EQ(point.target, truth.frames.targets[i % 3].name);
     const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, asked.col(c)));
-    const Vector3d place = X_BF * truth.targets[i % 3].X_FT.translation();
+    const Vector3d place = X_BF * truth.frames.targets[i % 3].X_FT.translation();
     EXPECT_LT((point.position - place).norm(), 1e-12);
-    EXPECT_LT((point.position_W - truth.X_WB * place).norm(), 1e-12);
+    EXPECT_LT((point.position_W - truth.frames.base() * place).norm(), 1e-12);
     const KDL::Chain nominal = error_chain(u.model, Eigen::VectorXd::Zero(truth.errors.size()));
-    EXPECT_LT(
-        (point.nominal - to_eigen(testing::kdl_pose(nominal, asked.col(c))) * truth.targets[i % 3].X_FT.translation())
-            .norm(),
-        1e-12);
+    EXPECT_LT((point.nominal -
+               to_eigen(testing::kdl_pose(nominal, asked.col(c))) * truth.frames.targets[i % 3].X_FT.translation())
+                  .norm(),
+              1e-12);
     const Eigen::Matrix3d P = predicted_covariance(predictor, u.covariance, asked.col(c), i % 3);
     EXPECT_LT((point.std - P.diagonal().cwiseSqrt()).norm(), 1e-9 * point.std.norm());
     EXPECT_NEAR(point.sigma, std::sqrt(P.trace()), 1e-9 * point.sigma);
-    const NewPoint fresh = new_point({.covariance = P, .place = truth.X_WB * place}, new_point_noise(u.noise));
+    const NewPoint fresh = new_point({.covariance = P, .place = truth.frames.base() * place}, new_point_noise(u.noise));
     EXPECT_NEAR(point.radius_95, 1.4 * fresh.radius_95, 1e-9 * point.radius_95);
     EXPECT_EQ(point.degrees_of_freedom, fresh.degrees_of_freedom);
     EXPECT_EQ(point.outside, c == 2);
@@ -159,7 +159,7 @@ TEST(PredictedAccuracy, IsInfiniteWhereWhatIsOpenMovesThePointByAMillionth) {
   const Vector3d left = J * open;
   for (int axis = 0; axis < 3; ++axis) {
     const Index shift = *candidates.column(std::string("base.T") + "xyz"[axis]);
-    open[shift] -= (u.robot.truth.X_WB.linear().transpose() * left)[axis];
+    open[shift] -= (u.robot.truth.frames.base().linear().transpose() * left)[axis];
   }
   ASSERT_LT((J * open).norm(), 1e-12);
   const double sizes = (J.cwiseAbs() * open.cwiseAbs()).sum();

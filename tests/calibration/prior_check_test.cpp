@@ -18,9 +18,9 @@ CalibrationResult with_errors(double length, double second_length, double angle)
   found.model = complete_model(testing::fanuc());
   found.fit.identification.estimate.errors =
       testing::errors_of(found.model, {{"Tx1", length}, {"Ty1", second_length}, {"Rz2", angle}});
-  found.fit.identification.estimate.targets = published_targets();
+  found.fit.identification.estimate.frames.targets = published_targets();
   found.fit.free = Unknowns(found.model, published_targets(), {"base.Tx", "Tx1", "Ty1", "Rz2"});
-  found.fit.identification.estimate.X_WB.translation().x() = 5.0;
+  found.fit.identification.estimate.frames.base().translation().x() = 5.0;
   found.selection.priors = {.length = 1e-3, .angle = 2e-3};
   found.uncertainty.covariance = Eigen::MatrixXd::Zero(4, 4);
   found.uncertainty.covariance.diagonal() << 1e-8, 1e-7, 4e-7, 1e-6;

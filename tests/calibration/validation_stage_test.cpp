@@ -165,10 +165,11 @@ TEST(ValidationStage, NothingIsRegisteredWhereAllFramesAreKnown) {
   testing::VirtualExperiment experiment({.random = Random(9)});
   const Measurements measured = testing::without_sigmas(experiment.measure(20, {.sigma = kNoise, .repeats = 2}));
   const Estimate& truth = experiment.robot.truth;
-  const CalibrationResult found = calibrate(experiment.model, measured,
-                                            {.parameters = {.known_base = truth.X_WB, .known_targets = truth.targets},
-                                             .validation = {.leave_one_out = true},
-                                             .diagnosis = {.try_readings = false}});
+  const CalibrationResult found =
+      calibrate(experiment.model, measured,
+                {.parameters = {.known = {.bases = {{.X_WB = truth.frames.base()}}, .targets = truth.frames.targets}},
+                 .validation = {.leave_one_out = true},
+                 .diagnosis = {.try_readings = false}});
   Estimate nominal = truth;
   nominal.errors.setZero();
   const ErrorStatistics expected = error_statistics(position_errors(experiment.model, nominal, averaged(measured)));

@@ -165,12 +165,12 @@ std::vector<OptionCase> geometry_options() {
        kOfM + kNoPriors + Words{"--effects", "gravity"}},
       {"KnownBaseIsHeld",
        {"--known-base", "known.json"},
-       is_library([](auto& o) { o.parameters.known_base = known_base(); }),
+       is_library([](auto& o) { o.parameters.known.bases = {{.X_WB = known_base()}}; }),
        kMeasured},
       {"KnownTargetsAreHeldAndOthersFree",
        {"--known-targets", "known.json"},
        is_library([](auto& o) {
-         o.parameters.known_targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0.0, 0.0, 0.1)});
+         o.parameters.known.targets = targets_at({Eigen::Vector3d(0.1, 0.001, 0.0), Eigen::Vector3d(0.0, 0.0, 0.1)});
        }),
        kMeasured},
   };

@@ -114,16 +114,17 @@ TEST_F(KnownFramesInFiles, AreTheBaseAndWhatWasMeasured) {
   write("x.json", R"({"targets": [{"name": "X", "position": [9, 9, 9]}]})");
   Measurements measurements;
   measurements.targets = {"A", "B"};
-  const RegistrationOptions none = cli::known_frames({}, measurements);
-  EXPECT_FALSE(none.known_base);
-  EXPECT_THAT(none.known_targets, IsEmpty());
-  const RegistrationOptions known =
+  const KnownFrames none = cli::known_frames({}, measurements);
+  EXPECT_THAT(none.bases, IsEmpty());
+  EXPECT_THAT(none.targets, IsEmpty());
+  const KnownFrames known =
       cli::known_frames({.known_bases = {path("b.json")}, .known_targets = path("t.json")}, measurements);
   const Eigen::Isometry3d X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0);
-  EXPECT_TRUE(known.known_base->isApprox(X_WB, 1e-15));
-  ASSERT_EQ(known.known_targets.size(), 1U);
-  EXPECT_EQ(known.known_targets[0].name, "B");
-  EXPECT_EQ(known.known_targets[0].X_FT.translation(), Vector3d(4.0, 5.0, 6.0));
+  ASSERT_EQ(known.bases.size(), 1U);
+  EXPECT_TRUE(known.bases[0].X_WB.isApprox(X_WB, 1e-15));
+  ASSERT_EQ(known.targets.size(), 1U);
+  EXPECT_EQ(known.targets[0].name, "B");
+  EXPECT_EQ(known.targets[0].X_FT.translation(), Vector3d(4.0, 5.0, 6.0));
   EXPECT_EQ(refusal([&] { cli::known_frames({.known_targets = path("x.json")}, measurements); }),
             path("x.json") + ": targets: none was measured, expected some of A, B");
 }
@@ -138,7 +139,7 @@ TEST_F(KnownFramesInFiles, AreThoseOfTheNamedStations) {
   const auto known = [&](const std::vector<std::string>& given) {
     return cli::known_frames({.known_bases = given}, measurements);
   };
-  const std::vector<StationBase> bases = known({"W=" + path("r.json"), "N=" + path("b.json")}).known_stations;
+  const std::vector<StationBase> bases = known({"W=" + path("r.json"), "N=" + path("b.json")}).bases;
   ASSERT_EQ(bases.size(), 2U);
   EXPECT_EQ(bases[0].X_WB.translation(), Vector3d(4.0, 5.0, 6.0));
   EXPECT_EQ(bases[1].X_WB.translation(), Vector3d(1.0, 2.0, 3.0));
@@ -150,9 +151,10 @@ TEST_F(KnownFramesInFiles, AreThoseOfTheNamedStations) {
               known({"W=" + path("b.json"), "W=" + path("r.json")});
             }),
             "--known-base: station 'W' is there twice, expected each once");
-  measurements.stations.clear();
-  EXPECT_EQ(refusal([&] { known({"W=" + path("b.json")}); }),
-            "--known-base: station 'W', expected a file alone, as the measurements have no column station");
+  measurements.stations = {"W"};
+  EXPECT_EQ(known({"W=" + path("b.json")}).bases.size(), 1U) << "as a station is called without a name";
+  EXPECT_EQ(refusal([&] { known({"N=" + path("b.json")}); }),
+            "--known-base: station 'N', expected a file alone, as the measurements have no column station");
 }
 
 }  // namespace

@@ -188,15 +188,15 @@ TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
   write("t.json", R"({"targets": [{"name": "Q", "position": [0.3, 0.1, -0.2]}]})");
   const ErrorModel model = complete_model(fanuc());
   Estimate estimate{.errors = errors_of(model, {{"dq2", 0.002}, {"Tz3", -0.01}}),
-                    .X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0),
-                    .targets = targets_at({{0.1, 0.2, 0.0}, {0.0, 0.2, 0.3}})};
+                    .frames = {.bases = {Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0)},
+                               .targets = targets_at({{0.1, 0.2, 0.0}, {0.0, 0.2, 0.3}})}};
   Eigen::VectorXd q(6);
   q << 0.1, 0.2, -0.3, 0.4, 0.5, 0.6;
   const std::vector<std::string> command =
       words_of("jacobian --identification --joints 0.1,0.2,-0.3,0.4,0.5,0.6 --result r.json");
   const auto expect = [&](const std::vector<std::string>& words) {
     const Json found = run_json(words)["configurations"][0];
-    const Unknowns free = Unknowns(model, estimate.targets, reduced_model(model, estimate.targets).kept);
+    const Unknowns free = Unknowns(model, estimate.frames.targets, reduced_model(model, estimate.frames.targets).kept);
     for (const auto& [key, matrix] : {std::pair{"jacobian", identification_jacobian(model, estimate, free, q)},
                                       std::pair{"A", base_and_tool_matrix(model, estimate, q)}}) {
       const std::vector<std::vector<double>> rows = found[key];
@@ -209,9 +209,9 @@ TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
     }
   };
   expect(command + Words{"--json"});
-  estimate.targets = targets_at({{0.3, 0.1, -0.2}});
+  estimate.frames.targets = targets_at({{0.3, 0.1, -0.2}});
   expect(command + Words{"--json", "--target-file", "t.json"});
-  const std::size_t columns = reduced_model(model, estimate.targets).kept.size();
+  const std::size_t columns = reduced_model(model, estimate.frames.targets).kept.size();
   EXPECT_EQ(
       run(command + Words{"--target-file", "t.json", "--output", "j.csv"}).out,
       "1 configurations, in each the identification Jacobian, 3 x " + std::to_string(columns) + ", and A, 3 x 9\n");
@@ -263,16 +263,16 @@ TEST_F(MimicCommands, TakeTheIndependentJointsAlone) {
 
 struct ValidationTask {
   ErrorModel model = complete_model(fanuc());
-  Estimate estimate{.X_WB = Eigen::Isometry3d(Eigen::Translation3d(1.0, 2.0, 3.0)),
-                    .targets = targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}})};
-  Estimate truth{.X_WB = Eigen::Isometry3d(Eigen::Translation3d(4.0, 5.0, 6.0)),
-                 .targets = targets_at({{0.11, 0.22, 0.33}, {0.44, 0.55, 0.66}, {7.0, 8.0, 9.0}})};
+  Estimate estimate{.frames = {.bases = {Eigen::Isometry3d(Eigen::Translation3d(1.0, 2.0, 3.0))},
+                               .targets = targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}})}};
+  Estimate truth{.frames = {.bases = {Eigen::Isometry3d(Eigen::Translation3d(4.0, 5.0, 6.0))},
+                            .targets = targets_at({{0.11, 0.22, 0.33}, {0.44, 0.55, 0.66}, {7.0, 8.0, 9.0}})}};
   TruthComparison comparison;
 
   ValidationTask() {
-    std::reverse(truth.targets.begin(), truth.targets.end());
-    comparison.truth_in_gauge = {.X_WB = Eigen::Isometry3d(Eigen::Translation3d(1.5, 2.5, 3.5)),
-                                 .targets = targets_at({{0.12, 0.23, 0.34}, {0.45, 0.57, 0.68}})};
+    std::reverse(truth.frames.targets.begin(), truth.frames.targets.end());
+    comparison.truth_in_gauge = {.frames = {.bases = {Eigen::Isometry3d(Eigen::Translation3d(1.5, 2.5, 3.5))},
+                                            .targets = targets_at({{0.12, 0.23, 0.34}, {0.45, 0.57, 0.68}})}};
     comparison.gauge_misfit = 1e-12;
     comparison.parameters = {
         {.index = parameter_index(model, "dq2"),

@@ -288,10 +288,10 @@ TEST(AlternativeReadings, SayNothingOfScalesBesideAFrameThatIsKnown) {
   scale(m, Vector3d::Constant(1.1));
   EXPECT_TRUE(has(suspicions_of_frames(m), "scale"));
   ReadingOptions base;
-  base.registration.known_base = m.truth.X_WB;
+  base.registration.known.bases = {{.X_WB = m.truth.frames.base()}};
   EXPECT_FALSE(has(suspicions_of_frames(m, base), "scale"));
   ReadingOptions target;
-  target.registration.known_targets = m.truth.targets;
+  target.registration.known.targets = m.truth.frames.targets;
   EXPECT_FALSE(has(suspicions_of_frames(m, target), "scale"));
 }
 
@@ -410,7 +410,7 @@ TEST(AlternativeReadings, TryReadingsBesideTheFramesThatAreKnown) {
   const Estimate start = nominal_start(m.model, m.data);
   EXPECT_TRUE(has(alternative_readings(m.model, m.data, start, Unknowns()), "joint_sign"));
   ReadingOptions elsewhere;
-  elsewhere.registration.known_base = Eigen::Isometry3d::Identity();
+  elsewhere.registration.known.bases.resize(1);
   EXPECT_FALSE(has(alternative_readings(m.model, m.data, start, Unknowns(), elsewhere), "joint_sign"));
 }
 
@@ -419,7 +419,7 @@ TEST(AlternativeReadings, RefuseWhatDoesNotHoldTogether) {
   Estimate estimate = m.truth;
   estimate.effects.resize(0);
   Estimate other = estimate;
-  other.targets.pop_back();
+  other.frames.targets.pop_back();
   EXPECT_THROW(alternative_readings(m.model, m.data, other, m.free), InputError);
   EXPECT_THROW(alternative_readings(large_arm(), m.data, estimate, m.free), InputError) << "another robot";
   const Measured more = measured(light_arm(), 1, {.configurations = 6, .targets = 5});

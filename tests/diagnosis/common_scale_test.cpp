@@ -108,9 +108,9 @@ TEST(StationScales, AreNoShiftOfAKnownBase) {
   CalibrationOptions options = testing::geometry_alone();
   options.diagnosis.try_readings = true;
   for (std::size_t s = 0; s < 3; ++s) {
-    Eigen::Isometry3d X_WB = experiment.robot.truth.base(s);
+    Eigen::Isometry3d X_WB = experiment.robot.truth.frames.base(s);
     X_WB.pretranslate(Eigen::Vector3d(40.0, 10.0, 5.0));
-    options.parameters.known_stations.push_back({measurements.stations[s], X_WB});
+    options.parameters.known.bases.push_back({measurements.stations[s], X_WB});
   }
   for (const Doubt& doubt : calibrate(bundled_robot(), measurements, options).doubts()) {
     EXPECT_NE(doubt.cause, Cause::scale) << doubt.message;

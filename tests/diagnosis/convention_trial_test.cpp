@@ -117,7 +117,7 @@ std::vector<std::string> descriptions(const ErrorModel& model) {
   }
   Estimate truth;
   truth.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
-  truth.targets = testing::targets_at({{0.1, 0.05, 0.0}});
+  truth.frames.targets = testing::targets_at({{0.1, 0.05, 0.0}});
   const Measurements data =
       measure({.model = model, .truth = truth}, all_joint_values(model.joints, q), {.sigma = 1e-5}, random);
   std::vector<std::string> result;

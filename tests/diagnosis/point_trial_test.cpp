@@ -144,8 +144,9 @@ TEST(PointTrial, ExchangedTargetsAreSeenFromTheFramesThatAreKnown) {
   exchange(poses.measured, 0, 1, [](int c) { return c >= 9; });
   EXPECT_TRUE(exchanged_targets(poses.X_BF, poses.measured, {}));
   const Eigen::Isometry3d elsewhere = poses.X_WB * Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitX());
-  EXPECT_FALSE(exchanged_targets(poses.X_BF, poses.measured,
-                                 {.known_base = elsewhere, .known_targets = testing::targets_at(poses.targets)}));
+  EXPECT_FALSE(
+      exchanged_targets(poses.X_BF, poses.measured,
+                        {.known = {.bases = {{.X_WB = elsewhere}}, .targets = testing::targets_at(poses.targets)}}));
 }
 
 }  // namespace

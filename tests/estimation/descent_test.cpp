@@ -158,7 +158,8 @@ TEST(Descent, DoesNotDependOnWhereTheTrackerStands) {
   EXPECT_EQ(there.message, here.message);
   EXPECT_NEAR(there.rms, here.rms, 1e-9 * here.rms);
   EXPECT_LT((there.estimate.errors - here.estimate.errors).cwiseAbs().maxCoeff(), 1e-8);
-  EXPECT_LT((there.estimate.X_WB.matrix() - (X * here.estimate.X_WB).matrix()).cwiseAbs().maxCoeff(), 1e-8);
+  EXPECT_LT((there.estimate.frames.base().matrix() - (X * here.estimate.frames.base()).matrix()).cwiseAbs().maxCoeff(),
+            1e-8);
 }
 
 TEST(Descent, GivesUpOnAGoalThatItCannotReachAndIgnoresOneThatTheStartMeets) {

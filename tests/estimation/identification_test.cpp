@@ -361,7 +361,8 @@ TEST(RobustIdentification, IsTheWeightedFitOfItsOwnWeights) {
     const RobustIdentification found = spoilt.fitted(loss);
     const Identification plain = identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth,
                                                   spoilt.free, with_weights_of(found, spoilt.noise));
-    EXPECT_LT((plain.estimate.X_WB.matrix() - found.fit.estimate.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_LT((plain.estimate.frames.base().matrix() - found.fit.estimate.frames.base().matrix()).cwiseAbs().maxCoeff(),
+              1e-9);
   }
 }
 
@@ -399,7 +400,7 @@ TEST(RobustIdentification, LeavesAsideWhatIsFarOff) {
   const Spoilt spoilt;
   const auto off = [&](Loss loss) {
     const Estimate found = spoilt.fitted(loss).fit.estimate;
-    return (found.X_WB.translation() - spoilt.arm.robot.truth.X_WB.translation()).norm();
+    return (found.frames.base().translation() - spoilt.arm.robot.truth.frames.base().translation()).norm();
   };
   EXPECT_LT(off(Loss::tukey), 1e-4);
   EXPECT_GT(off(Loss::none), 3e-4);
@@ -414,12 +415,12 @@ TEST(RobustIdentification, IsTheFitWhereThereIsALossAndElseTheJointOneIs) {
   problem.options.after_fit = [&] { ++fits; };
   const Identification joint =
       identify_jointly(spoilt.arm.model, spoilt.measured, spoilt.arm.robot.truth, spoilt.free, problem.options.joint);
-  EXPECT_EQ(fit(problem).estimate.X_WB.matrix(), joint.estimate.X_WB.matrix());
+  EXPECT_EQ(fit(problem).estimate.frames.base().matrix(), joint.estimate.frames.base().matrix());
   for (const Loss loss : {Loss::huber, Loss::tukey}) {
     problem.options.loss = loss;
-    const Eigen::Matrix4d reweighted = spoilt.fitted(loss).fit.estimate.X_WB.matrix();
-    EXPECT_EQ(fit(problem).estimate.X_WB.matrix(), reweighted);
-    EXPECT_GT((reweighted - joint.estimate.X_WB.matrix()).norm(), 1e-5);
+    const Eigen::Matrix4d reweighted = spoilt.fitted(loss).fit.estimate.frames.base().matrix();
+    EXPECT_EQ(fit(problem).estimate.frames.base().matrix(), reweighted);
+    EXPECT_GT((reweighted - joint.estimate.frames.base().matrix()).norm(), 1e-5);
   }
   EXPECT_EQ(fits, 3);
 }

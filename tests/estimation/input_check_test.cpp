@@ -129,7 +129,7 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const LeastSquaresProblem problem(m.model, m.data, m.free);
   const Eigen::MatrixXd sqrt_information = Eigen::MatrixXd::Identity(m.free.size(), m.free.size());
   const std::vector<double> weights(m.data.observations.size(), 1.0);
-  const Experiment experiment = nominal_experiment(m.model, m.truth.targets);
+  const Experiment experiment = nominal_experiment(m.model, m.truth.frames.targets);
   CalibrationResult calibration;
   calibration.model = m.model;
   calibration.fit.identification.estimate = estimate;
@@ -196,7 +196,7 @@ TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
   few.errors.conservativeResize(3);
   EXPECT_REFUSED("3 errors of an estimate", identify_jointly(m.model, m.data, few, m.free));
   Estimate one = rigid_truth();
-  one.targets.resize(1);
+  one.frames.targets.resize(1);
   EXPECT_REFUSED("1 targets of an estimate", position_errors(m.model, one, m.data));
   Estimate nan = rigid_truth();
   nan.errors[0] = kNaN;

@@ -103,7 +103,8 @@ protected:
 
   Estimate near_nominal() const {
     Estimate estimate{.errors = VectorXd::Constant(static_cast<Index>(model.parameters.size()), 1e-4),
-                      .targets = targets};
+                      .frames = {.targets = targets},
+                      .effects = {}};
     if (GetParam().effects) {
       estimate.effects = VectorXd::Constant(static_cast<Index>(model.effects.size()), 1e-3);
     }
@@ -241,7 +242,8 @@ TEST(LeastSquaresOfManyConfigurations, AddsUpThePartsOnAnyNumberOfThreads) {
   testing::VirtualExperiment experiment;
   const Measurements all = experiment.measure(8 * 2048 + 37, {.sigma = kSigma});
   const Estimate estimate{.errors = VectorXd::Constant(static_cast<Index>(experiment.model.parameters.size()), 1e-4),
-                          .targets = experiment.targets};
+                          .frames = {.targets = experiment.targets},
+                          .effects = {}};
   const auto equations_of = [&](const Measurements& measured, int threads) {
     ResidualOptions options;
     options.threads = threads;
@@ -308,7 +310,8 @@ long allocations_of_a_pass(int configurations, const ResidualOptions& options) {
   const Measurements measured = experiment.measure(configurations);
   const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
   const Estimate start{.errors = Eigen::VectorXd::Zero(experiment.robot.truth.errors.size()),
-                       .targets = published_targets()};
+                       .frames = {.targets = published_targets()},
+                       .effects = {}};
   LeastSquaresProblem::Workspace workspace;
   NormalEquations equations;
   problem.linearise(start, workspace, equations);  // the workspace takes its size

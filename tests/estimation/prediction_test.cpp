@@ -19,8 +19,8 @@ TEST(Prediction, JacobianIsTheCentralDifference) {
   const Matrix3Xd jacobian = PositionPredictor(experiment.model, robot.truth, experiment.free).jacobians(q)[2];
   const auto point = [&](const Eigen::VectorXd& step) {
     const Estimate moved = problem.unknowns().moved(robot.truth, step);
-    return Eigen::Vector3d(moved.X_WB *
-                           (flange_poses(experiment.model, moved, q)[0] * moved.targets[2].X_FT.translation()));
+    return Eigen::Vector3d(moved.frames.base() *
+                           (flange_poses(experiment.model, moved, q)[0] * moved.frames.targets[2].X_FT.translation()));
   };
   const Eigen::MatrixXd expected = testing::central_differences(problem.columns(), 1e-6, point);
   for (Eigen::Index c = 0; c < problem.columns(); ++c) {

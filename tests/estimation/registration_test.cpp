@@ -54,14 +54,14 @@ struct Scene {
     return register_base_and_targets(X_BF, measured, options);
   }
   double base_off(const Registration& found) const {
-    return (found.X_WB.matrix() - robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff();
+    return (found.frames.base().matrix() - robot.truth.frames.base().matrix()).cwiseAbs().maxCoeff();
   }
   double target_off(const Registration& found, std::size_t k) const {
-    return (found.targets[k].X_FT.translation() - robot.truth.targets[k].X_FT.translation()).norm();
+    return (found.frames.targets[k].X_FT.translation() - robot.truth.frames.targets[k].X_FT.translation()).norm();
   }
   double targets_off(const Registration& found) const {
     double sum = 0.0;
-    for (std::size_t k = 0; k < robot.truth.targets.size(); ++k) {
+    for (std::size_t k = 0; k < robot.truth.frames.targets.size(); ++k) {
       sum += target_off(found, k);
     }
     return sum;
@@ -91,10 +91,11 @@ TEST(Registration, LosesNothingFarFromTheOrigin) {
   Random random(2);
   for (int trial = 0; trial < 20; ++trial) {
     VirtualRobot robot = exact_robot(model, 3, random);
-    robot.truth.X_WB.translation() += Eigen::Vector3d(8e3, -6e3, 40.0);
+    robot.truth.frames.base().translation() += Eigen::Vector3d(8e3, -6e3, 40.0);
     const Scene scene(robot, 12, random);
     const Registration found = scene.registered();
-    EXPECT_LT((found.X_WB.linear() - robot.truth.X_WB.linear()).cwiseAbs().maxCoeff(), 1e-10) << trial;
+    EXPECT_LT((found.frames.base().linear() - robot.truth.frames.base().linear()).cwiseAbs().maxCoeff(), 1e-10)
+        << trial;
     EXPECT_LT(scene.targets_off(found), 1e-10) << trial;
   }
 }
@@ -111,7 +112,8 @@ TEST(Registration, StaysInTheRightBasinWithErrorsOfThePublishedSize) {
     const Eigen::Isometry3d X_WB = random_placement(random);
     const Scene scene(placed(virtual_robot(model, all, random_targets(3, random), {}, random), X_WB), 30, random);
     const Registration found = register_base_and_targets(flange_poses(nominal, scene.q), scene.measured);
-    const Eigen::AngleAxisd off(Eigen::Matrix3d(found.X_WB.linear().transpose() * scene.robot.truth.X_WB.linear()));
+    const Eigen::AngleAxisd off(
+        Eigen::Matrix3d(found.frames.base().linear().transpose() * scene.robot.truth.frames.base().linear()));
     ASSERT_LT(off.angle(), 0.6) << trial;
   }
 }
@@ -179,8 +181,8 @@ struct LooseTool {
     double largest = 0.0;
     for (int i = 0; i < 6 + 3 * free_targets; ++i) {
       const auto moved = [&](double step) {
-        Eigen::Isometry3d base = found.X_WB;
-        std::vector<TargetFrame> targets = found.targets;
+        Eigen::Isometry3d base = found.frames.base();
+        std::vector<TargetFrame> targets = found.frames.targets;
         const Eigen::Vector3d along = step * Eigen::Vector3d::Unit(i % 3);
         if (i < 3) {
           base.translation() += along;
@@ -216,8 +218,8 @@ TEST(Registration, WeighsOrientationsByTheirLengthBesidePositions) {
   }
   EXPECT_LT(arm.off(register_base_and_targets(arm.X_BF, arm.measured), 0.3, 0.0), 1e-9);
   const std::vector<TargetFrame> known = testing::targets_at({{9, 9, 9}, {9, 9, 9}, {0.21, 0.01, 0.1}});
-  const Registration found = register_base_and_targets(arm.X_BF, arm.measured, {.known_targets = {known[2]}});
-  EXPECT_EQ(found.targets[2].X_FT.translation(), known[2].X_FT.translation());
+  const Registration found = register_base_and_targets(arm.X_BF, arm.measured, {.known = {.targets = {known[2]}}});
+  EXPECT_EQ(found.frames.targets[2].X_FT.translation(), known[2].X_FT.translation());
   EXPECT_LT(arm.off(found, 0.3, 0.0, 2), 1e-9);
 }
 
@@ -232,7 +234,7 @@ TEST(Registration, KeepsTargetsNearTheFlangeWhereTheToolHardlyTurns) {
     const bool firm = spread > 0.1;
     EXPECT_EQ(found.ambiguous, spread < 0.01) << spread << ": " << found.message;
     EXPECT_EQ(found.message.find("the tool hardly turns") == 0, spread < 0.01) << found.message;
-    for (const TargetFrame& target : found.targets) {
+    for (const TargetFrame& target : found.frames.targets) {
       EXPECT_LT(target.X_FT.translation().norm(), 0.7) << spread;
     }
     if (firm) {
@@ -254,9 +256,9 @@ TEST(Registration, FindsMeasuredFrames) {
     const Eigen::Isometry3d X_WB = random_placement(random);
     const Scene scene(placed(virtual_robot(model, {}, targets, kNoErrors, random), X_WB), 5, random);
     const Registration found = scene.registered();
-    ASSERT_TRUE(found.targets[0].with_orientation);
+    ASSERT_TRUE(found.frames.targets[0].with_orientation);
     ASSERT_LT(scene.base_off(found), 1e-9);
-    ASSERT_LT((found.targets[0].X_FT.matrix() - targets[0].X_FT.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+    ASSERT_LT((found.frames.targets[0].X_FT.matrix() - targets[0].X_FT.matrix()).cwiseAbs().maxCoeff(), 1e-9);
   }
 }
 
@@ -264,10 +266,10 @@ TEST(Registration, TakesWhatIsKnown) {
   const ErrorModel model = complete_model(fanuc());
   Random random(5);
   const Scene scene(exact_robot(model, 3, random), 2, random);
-  const Registration with_base = scene.registered({.known_base = scene.robot.truth.X_WB});
+  const Registration with_base = scene.registered({.known = {.bases = {{.X_WB = scene.robot.truth.frames.base()}}}});
   EXPECT_EQ(scene.base_off(with_base), 0.0);
   EXPECT_LT(scene.target_off(with_base, 1), 1e-12);
-  EXPECT_LT(scene.base_off(scene.registered({.known_targets = scene.robot.truth.targets})), 1e-9);
+  EXPECT_LT(scene.base_off(scene.registered({.known = {.targets = scene.robot.truth.frames.targets}})), 1e-9);
 }
 
 TEST(Registration, SaysWhenTheConfigurationsLeaveTheBaseOpen) {
@@ -289,11 +291,12 @@ TEST(Registration, CountsTheDirectionsThatAreOpen) {
   const ErrorModel model = complete_model(fanuc());
   Scene scene(exact_robot(model, 1, random), 9, random);
   EXPECT_EQ(scene.registered().open, 0);
-  EXPECT_EQ(scene.registered({.known_base = scene.robot.truth.X_WB}).open, 0);
+  EXPECT_EQ(scene.registered({.known = {.bases = {{.X_WB = scene.robot.truth.frames.base()}}}}).open, 0);
   for (const double error : {0.0, 1e-6, 1e-3}) {
     for (std::size_t i = 0; i < scene.X_BF.size(); ++i) {
       const Eigen::Vector3d off = error * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
-      scene.X_BF[i].translation() = -(scene.X_BF[i].linear() * scene.robot.truth.targets[0].X_FT.translation()) + off;
+      scene.X_BF[i].translation() =
+          -(scene.X_BF[i].linear() * scene.robot.truth.frames.targets[0].X_FT.translation()) + off;
       scene.measured.observations[i].position() = Eigen::Vector3d(1.0, 2.0, 3.0) - 0.1 * off;
     }
     const Registration found = scene.registered();
@@ -381,7 +384,7 @@ TEST(Registration, LeavesTheLeastMisfitOfWhatFitsNoRobot) {
     const Scene data = unrelated(model, random);
     const Left left(data);
     const Registration found = data.registered();
-    const Eigen::Matrix3d R_WB = found.X_WB.linear();
+    const Eigen::Matrix3d R_WB = found.frames.base().linear();
     const double least = left.at(R_WB);
     ASSERT_NEAR(least / std::sqrt(30.0), found.rms, 1e-12) << trial;
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
@@ -493,7 +496,7 @@ TEST(Registration, GivesARotationWhereAReflectionWouldFitAsWell) {
     const Eigen::MatrixXd q = random_configurations(JointRanges(3, {-2.0, 2.0}), 15, random);
     const Measurements measured = measure(truth, q, {.sigma = 0.001}, random);
     const Registration found = register_base_and_targets(flange_poses(folded(model, truth.truth.errors), q), measured);
-    ASSERT_NEAR(found.X_WB.linear().determinant(), 1.0, 1e-12) << trial;
+    ASSERT_NEAR(found.frames.base().linear().determinant(), 1.0, 1e-12) << trial;
     ASSERT_LT(found.rms, 0.004) << trial;
   }
 }

@@ -36,12 +36,13 @@ struct MovedTracker : testing::VirtualExperiment {
   double distance(const Registration& found) const {
     double largest = 0.0;
     for (std::size_t s = 0; s < 3; ++s) {
-      const Eigen::Matrix4d difference = found.base(s).matrix() - robot.truth.base(s).matrix();
+      const Eigen::Matrix4d difference = found.frames.base(s).matrix() - robot.truth.frames.base(s).matrix();
       largest = std::max(largest, difference.cwiseAbs().maxCoeff());
     }
-    for (std::size_t k = 0; k < found.targets.size(); ++k) {
-      largest =
-          std::max(largest, (found.targets[k].X_FT.translation() - robot.truth.targets[k].X_FT.translation()).norm());
+    for (std::size_t k = 0; k < found.frames.targets.size(); ++k) {
+      largest = std::max(
+          largest,
+          (found.frames.targets[k].X_FT.translation() - robot.truth.frames.targets[k].X_FT.translation()).norm());
     }
     return largest;
   }
@@ -75,21 +76,21 @@ TEST(StationRegistration, StationsWithFewPointsUseTheTargetsOfTheOthers) {
 
 TEST(StationRegistration, HoldsWhatIsKnown) {
   MovedTracker experiment(3);
-  Eigen::Isometry3d known = experiment.robot.truth.base(1);
+  Eigen::Isometry3d known = experiment.robot.truth.frames.base(1);
   known.translation().x() += 1e-3;
-  const Registration found = experiment.registered(experiment.measured(), {.known_stations = {{"S2", known}}});
-  EXPECT_EQ(found.base(1).matrix(), known.matrix());
+  const Registration found = experiment.registered(experiment.measured(), {.known = {.bases = {{"S2", known}}}});
+  EXPECT_EQ(found.frames.base(1).matrix(), known.matrix());
   const Registration exact =
-      experiment.registered(experiment.measured(), {.known_targets = experiment.robot.truth.targets});
+      experiment.registered(experiment.measured(), {.known = {.targets = experiment.robot.truth.frames.targets}});
   EXPECT_LT(experiment.distance(exact), 1e-9);
-  EXPECT_EQ(exact.targets.front().X_FT.matrix(), experiment.robot.truth.targets.front().X_FT.matrix());
+  EXPECT_EQ(exact.frames.targets.front().X_FT.matrix(), experiment.robot.truth.frames.targets.front().X_FT.matrix());
 }
 
 Estimate nearby(const MovedTracker& experiment) {
   Estimate estimate = experiment.robot.truth;
   estimate.errors *= 0.5;
-  estimate.targets[0].X_FT.translation().x() += 1e-3;
-  estimate.other_bases[1].translation().y() += 1e-3;
+  estimate.frames.targets[0].X_FT.translation().x() += 1e-3;
+  estimate.frames.base(2).translation().y() += 1e-3;
   return estimate;
 }
 
@@ -142,7 +143,7 @@ TEST(StationLeastSquares, RowsAreTheDerivativesOfEachStationsPoints) {
     Index row = 0;
     for (const Observation& o : measurements.observations) {  // whitened in the flange frame at `estimate`
       const Eigen::Matrix3d R_WF =
-          estimate.base(station_of(o)).linear() *
+          estimate.frames.base(station_of(o)).linear() *
           flange_poses(experiment.model, estimate, measurements)[static_cast<std::size_t>(o.configuration)].linear();
       all.segment<3>(row) = R_WF.transpose() * (o.position() - predicted_point(at, X_BF, o)) / o.sigma;
       row += 3;
@@ -198,13 +199,15 @@ TEST(SingleCoordinateRegistration, FindsTargetsAndPlanesFromHeights) {
     EXPECT_LT(found.rms, 1e-9) << seed;
     EXPECT_EQ(found.open, 3 * 3) << seed;
     for (std::size_t s = 0; s < 3; ++s) {
-      const Eigen::Isometry3d& truth = experiment.robot.truth.base(s);
-      EXPECT_LT((found.base(s).linear().row(2) - truth.linear().row(2)).norm(), 1e-8) << seed;
-      EXPECT_NEAR(found.base(s).translation().z(), truth.translation().z(), 1e-8) << seed;
+      const Eigen::Isometry3d& truth = experiment.robot.truth.frames.base(s);
+      EXPECT_LT((found.frames.base(s).linear().row(2) - truth.linear().row(2)).norm(), 1e-8) << seed;
+      EXPECT_NEAR(found.frames.base(s).translation().z(), truth.translation().z(), 1e-8) << seed;
     }
     for (std::size_t k = 0; k < 3; ++k) {
-      EXPECT_LT((found.targets[k].X_FT.translation() - experiment.robot.truth.targets[k].X_FT.translation()).norm(),
-                1e-8)
+      EXPECT_LT(
+          (found.frames.targets[k].X_FT.translation() - experiment.robot.truth.frames.targets[k].X_FT.translation())
+              .norm(),
+          1e-8)
           << seed;
     }
   }
@@ -285,7 +288,7 @@ TEST(DistanceLeastSquares, CostAndGradientAreThoseOfTheDistances) {
 TEST(StationLeastSquares, AnEstimateOfOneStationIsRefused) {
   MovedTracker experiment(1);
   Estimate one = experiment.robot.truth;
-  one.other_bases.clear();
+  one.frames.bases.resize(1);
   const LeastSquaresProblem problem(experiment.model, experiment.measured(), unknowns(experiment));
   EXPECT_THROW(problem.cost(one), InputError);
 }

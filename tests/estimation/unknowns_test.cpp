@@ -41,10 +41,9 @@ struct OddArm {
 
   Estimate random_estimate() {
     Estimate estimate{.errors = testing::random_errors(model, random, 0.01, 0.02),
-                      .X_WB = random_frame(random),
-                      .targets = targets,
+                      .frames = {.bases = {random_frame(random)}, .targets = targets},
                       .effects = VectorXd(static_cast<Index>(model.effects.size()))};
-    for (TargetFrame& target : estimate.targets) {
+    for (TargetFrame& target : estimate.frames.targets) {
       target.X_FT = random_frame(random);
     }
     for (double& value : estimate.effects) {
@@ -171,17 +170,17 @@ TEST(Unknowns, MoveFramesInTheirOwnAxesAndValuesByAddition) {
   const VectorXd step = arm.random_step();
   const Estimate moved = arm.free.moved(start, step);
 
-  Isometry3d base = start.X_WB;
-  base.pretranslate(Vector3d(step[0] * start.X_WB.linear().col(1)));
+  Isometry3d base = start.frames.base();
+  base.pretranslate(Vector3d(step[0] * start.frames.base().linear().col(1)));
   base.rotate(Eigen::AngleAxisd(step[1], Vector3d::UnitZ()));
-  expect_same_frame(moved.X_WB, base);
-  Isometry3d first = start.targets[0].X_FT;
+  expect_same_frame(moved.frames.base(), base);
+  Isometry3d first = start.frames.targets[0].X_FT;
   first.pretranslate(step[6] * Vector3d::UnitZ());
-  expect_same_frame(moved.targets[0].X_FT, first);
-  Isometry3d second = start.targets[1].X_FT;
+  expect_same_frame(moved.frames.targets[0].X_FT, first);
+  Isometry3d second = start.frames.targets[1].X_FT;
   second.pretranslate(step[7] * Vector3d::UnitX());
   second.rotate(Eigen::AngleAxisd(step[8], Vector3d::UnitY()));
-  expect_same_frame(moved.targets[1].X_FT, second);
+  expect_same_frame(moved.frames.targets[1].X_FT, second);
 
   VectorXd errors = start.errors;
   errors[static_cast<Index>(parameter_index(arm.model, "dq2"))] += step[2];
@@ -233,7 +232,7 @@ TEST(Unknowns, PriorsCountFromTheValue) {
   };
   EXPECT_EQ(value("dq3"), estimate.errors[static_cast<Index>(parameter_index(arm.model, "dq3"))]);
   EXPECT_EQ(value("gain.3"), estimate.effects[2]);
-  EXPECT_EQ(value("A.z"), estimate.targets[0].X_FT.translation().z());
+  EXPECT_EQ(value("A.z"), estimate.frames.targets[0].X_FT.translation().z());
   EXPECT_EQ(value("B.Ry"), 0.0);
   EXPECT_EQ(value("base.Ty"), 0.0);
 }

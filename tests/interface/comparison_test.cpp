@@ -48,8 +48,8 @@ public:
   }
 
   Measurements campaign(int count, std::size_t count_of_targets = 3) {
-    robot.truth.X_WB.translation() += Eigen::Vector3d(0.4, -0.3, 0.1);
-    for (TargetFrame& target : robot.truth.targets) {
+    robot.truth.frames.base().translation() += Eigen::Vector3d(0.4, -0.3, 0.1);
+    for (TargetFrame& target : robot.truth.frames.targets) {
       target.X_FT.translation() += Eigen::Vector3d(0.01, 0.02, -0.01);
     }
     return again(count, count_of_targets);
@@ -243,7 +243,7 @@ TEST(Continuation, RefusesOtherChoicesBesideIt) {
               HasSubstr("no model beside it"));
   EXPECT_THAT(refused([](auto& options) { options.priors.automatic = true; }), HasSubstr("no prior beside it"));
   EXPECT_THAT(refused([](auto& options) { options.effects.automatic = true; }), HasSubstr("no effects beside it"));
-  EXPECT_THAT(refused([](auto& options) { options.parameters.known_base = Eigen::Isometry3d::Identity(); }),
+  EXPECT_THAT(refused([](auto& options) { options.parameters.known.bases.resize(1); }),
               HasSubstr("no known base beside it"));
 }
 

@@ -390,8 +390,8 @@ TEST(Compensation, BringsTheTrueRobotWhereItsUncertaintySays) {
       if (point.status != exact) {
         continue;
       }
-      const Eigen::Vector3d asked =
-          estimate.X_WB * to_eigen(testing::kdl_pose(fanuc().chain, q)) * estimate.targets.front().X_FT.translation();
+      const Eigen::Vector3d asked = estimate.frames.base() * to_eigen(testing::kdl_pose(fanuc().chain, q)) *
+                                    estimate.frames.targets.front().X_FT.translation();
       const auto error = [&](const VectorXd& commanded) {
         return (experiment.truth.predict(commanded, "A", PredictionFrame::measuring).position - asked).norm();
       };
@@ -429,9 +429,9 @@ TEST(CompensationOnRealDataLongRun, RemovesMostOfTheErrorOfAUr10) {
     const CompensatedPoint point = compensator.solve(q);
     if (point.status == exact) {
       const Eigen::Vector3d asked =
-          estimate.X_WB * compensator.nominal_pose(q) * estimate.targets.front().X_FT.translation();
+          estimate.frames.base() * compensator.nominal_pose(q) * estimate.frames.targets.front().X_FT.translation();
       const PredictedPoint reached =
-          other.arm().predict(point.joint_values, estimate.targets.front().name, PredictionFrame::measuring);
+          other.arm().predict(point.joint_values, estimate.frames.targets.front().name, PredictionFrame::measuring);
       squares += (reached.position - asked).squaredNorm();
       ++count;
     }

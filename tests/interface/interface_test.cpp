@@ -341,7 +341,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   Measurements one_label = data;
   one_label.configurations[1] = one_label.configurations[0];
   CalibrationOptions misspelt;
-  misspelt.parameters.known_targets = {{.name = "a"}};
+  misspelt.parameters.known.targets = {{.name = "a"}};
   CalibrationOptions no_group;
   no_group.effects.groups = {static_cast<EffectGroup>(99)};
   CalibrationOptions endless;
@@ -374,7 +374,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
   Eigen::Isometry3d sheared = Eigen::Isometry3d::Identity();
   sheared.linear()(0, 1) = 0.5;
   CalibrationOptions leaning;
-  leaning.parameters.known_base = sheared;
+  leaning.parameters.known.bases = {{.X_WB = sheared}};
   struct Case {
     const char* name;
     std::function<void()> call;
@@ -424,7 +424,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"load, none", [&] { load_calibration(file("none.json"), fanuc()); }, "cannot be opened"},
       {"validate", [&] { validate(fanuc(), fewer); }, "6 names of joints"},
       {"validate, calibration", [&] { validate(c, beyond); }, "configuration"},
-      {"validate, frames", [&] { validate(fanuc(), data, {.base = sheared, .targets = {}}); }, "rotation"},
+      {"validate, frames", [&] { validate(fanuc(), data, {.bases = {{.X_WB = sheared}}}); }, "rotation"},
       {"validate, few", [&] { validate(fanuc(), first); }, "nothing is left to show an error"},
       {"simulate, count", [] { simulate(fanuc(), {.configurations = 0}); }, "configurations"},
       {"simulate, noise", [] { simulate(fanuc(), {.noise = -1.0}); }, "noise"},

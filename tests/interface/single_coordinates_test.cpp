@@ -72,7 +72,7 @@ TEST(SingleCoordinates, ThreeRowsOfAPointAreThePoint) {
   const Estimate& a = one.parts().estimate;
   const Estimate& b = other.parts().estimate;
   EXPECT_LT((a.errors - b.errors).cwiseAbs().maxCoeff(), 1e-9);
-  EXPECT_LT((a.X_WB.matrix() - b.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_LT((a.frames.base().matrix() - b.frames.base().matrix()).cwiseAbs().maxCoeff(), 1e-9);
   for (std::size_t i = 0; i < one.parameters().size(); ++i) {
     const double ratio = other.parameters()[i].std / one.parameters()[i].std;  // NaN for gauges
     EXPECT_FALSE(std::abs(ratio - 1.0) > 1e-5) << one.parameters()[i].name << ratio;
@@ -151,7 +151,9 @@ TEST(DistancesFromAnchors, FromKnownAnchorsAreExactWithTheBase) {
     EXPECT_TRUE(found.trusted()) << seed;
     EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size());
     const Estimate& estimate = found.parts().estimate;
-    EXPECT_LT((estimate.X_WB.matrix() - experiment.robot.truth.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-9) << seed;
+    EXPECT_LT((estimate.frames.base().matrix() - experiment.robot.truth.frames.base().matrix()).cwiseAbs().maxCoeff(),
+              1e-9)
+        << seed;
     EXPECT_LT(distance_from_truth(found, experiment), 1e-9) << seed;
   }
 }
@@ -288,7 +290,7 @@ TEST(DistancesFromAnchors, ABlunderIsNamed) {
 // One target, so that the distances are not many more than the unknowns.
 TEST(DistancesFromAnchors, ABlunderOfOneTargetIsNamed) {
   Distances experiment(3);
-  experiment.robot.truth.targets.resize(1);
+  experiment.robot.truth.frames.targets.resize(1);
   Measurements measurements = experiment.measured(2, false, 60, kNoise);
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
   for (const double off : {0.001, 0.1}) {

@@ -47,7 +47,7 @@ TEST(StationsOfATracker, AreExactWithoutNoise) {
   EXPECT_THAT(arm.stations(), ::testing::ElementsAre("S1", "S2", "S3"));
   for (std::size_t s = 0; s < 3; ++s) {
     const PredictedPoint point = arm.predict(q.col(0), "A", PredictionFrame::measuring, arm.stations()[s]);
-    EXPECT_LT((point.position - robot.truth.base(s) * points(robot.model, robot.truth, q).col(0)).norm(), 1e-9);
+    EXPECT_LT((point.position - robot.truth.frames.base(s) * points(robot.model, robot.truth, q).col(0)).norm(), 1e-9);
     EXPECT_LT((arm.base(arm.stations()[s]) * arm.predict(q.col(0), "A").position - point.position).norm(), 1e-12);
   }
 }
@@ -193,7 +193,7 @@ TEST(PlacesOfAPlate, OneAloneDeterminesFiveDirections) {
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 1);
   EXPECT_LT(distance_from_truth(found, experiment), 1e-3);
-  touches.stations.clear();
+  touches.stations = {"W"};
   EXPECT_THAT(calibrate(bundled_robot(), touches, geometry_alone()).doubts(),
               Contains(Field(&Doubt::message, HasSubstr("name the place of the plate"))));
 }
@@ -233,15 +233,14 @@ TEST(Stations, AKnownBaseMakesTheFirstOffsetDetermined) {
   experiment.robot.truth.errors[static_cast<Eigen::Index>(parameter_index(experiment.model, "dq1"))] = 2e-3;
   const Measurements measurements = experiment.measured(30);
   CalibrationOptions options = geometry_alone();
-  options.parameters.known_stations = {{"S2", experiment.robot.truth.base(1)}};
+  options.parameters.known.bases = {{"S2", experiment.robot.truth.frames.base(1)}};
   const Calibration found = calibrate(bundled_robot(), measurements, options);
   EXPECT_NEAR(found.error("dq1"), 2e-3, 1e-9);
   EXPECT_EQ(found.std("base[S2].Tx"), 0.0);
   EXPECT_GT(found.std("base[S1].Tx"), 0.0);
-  options.parameters.known_stations = {{"S4", experiment.robot.truth.base(1)}};
+  options.parameters.known.bases = {{"S4", experiment.robot.truth.frames.base(1)}};
   EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, options); }), HasSubstr("station 'S4'"));
-  options.parameters.known_stations.clear();
-  options.parameters.known_base = experiment.robot.truth.X_WB;
+  options.parameters.known.bases = {{.X_WB = experiment.robot.truth.frames.base()}};
   EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, options); }),
               HasSubstr("a known base without its station"));
 }
@@ -268,8 +267,8 @@ TEST(Stations, ASavedResultPredictsTheSame) {
   EXPECT_THAT(refusal([&] { return found.arm().base("S4"); }), HasSubstr("station 'S4' was not measured"));
   const PositionErrors errors = validate(again, experiment.measured(10, 3e-5));
   EXPECT_LT(errors.all.rms, 2e-4);
-  ASSERT_EQ(errors.stations.size(), 3U);
-  EXPECT_LT((errors.stations[1].X_WB.translation() - experiment.robot.truth.base(1).translation()).norm(), 1e-3);
+  ASSERT_EQ(errors.frames.bases.size(), 3U);
+  EXPECT_LT((errors.frames.base(1).translation() - experiment.robot.truth.frames.base(1).translation()).norm(), 1e-3);
 }
 
 TEST(Stations, AutomaticChoicesAndFoldsWorkWithSeveral) {

@@ -25,9 +25,6 @@ inline Measurements along(Measurements measurements, const Eigen::Matrix3d& P) {
   for (Observation& observation : measurements.observations) {
     observation.reading = reading_along(P, P * observation.position());
   }
-  if (measurements.stations.empty()) {
-    measurements.stations = {"W"};
-  }
   return measurements;
 }
 
@@ -74,6 +71,7 @@ struct Lengths : VirtualExperiment {
     const Measurements points = without_sigmas(measure(configurations, {.sigma = noise}));
     Measurements result = points;
     result.observations.clear();
+    result.stations.clear();
     for (std::size_t first = 0; first + 3 < points.observations.size(); first += 4) {
       Observation from = points.observations[first];
       Observation to = points.observations[first + 3];
@@ -121,6 +119,7 @@ struct Distances : VirtualExperiment {
   Measurements measured(int anchors, bool known, int count, double noise = 0.0) {
     const std::vector<Eigen::Vector3d> places = {{2.1, 1.4, 0.3}, {-1.2, 2.3, 1.1}, {1.0, -2.2, 0.6}};
     Measurements result = without_sigmas(measure(count));
+    result.stations.clear();
     for (int i = 0; i < (known ? 1 : anchors); ++i) {
       result.stations.push_back("A" + std::to_string(i + 1));
     }

@@ -66,7 +66,7 @@ struct Statistics {
   void add_points(const Calibration& found, testing::VirtualExperiment& experiment) {
     const MatrixXd q = experiment.configurations(9);
     const Eigen::Matrix3Xd truth = testing::points(experiment.robot.model, experiment.robot.truth, q);
-    const std::vector<TargetFrame>& targets = experiment.robot.truth.targets;
+    const std::vector<TargetFrame>& targets = experiment.robot.truth.frames.targets;
     for (Index point = 0; point < truth.cols(); ++point) {
       const auto count = static_cast<Index>(targets.size());
       const PredictedPoint predicted =

@@ -66,13 +66,13 @@ TEST(StationColumn, KeepTheirRowsInSubsetsAndUnions) {
   EXPECT_THAT(stations_of_configurations(averaged(all)), ElementsAre(0, 1, 0));
   EXPECT_THAT(stations_of_configurations(joined(all, west)), ElementsAre(0, 1, 0, 1));
   Measurements unnamed = west;
-  unnamed.stations.clear();
+  unnamed.stations = {"W"};
   unnamed.observations.front().station = 0;
   EXPECT_REFUSED("other stations", joined(all, unnamed));
   const StationRows rows = rows_of_station(all, 0);
   EXPECT_THAT(rows.rows, ElementsAre(0U, 1U, 3U));
   EXPECT_EQ(rows.measurements.configurations.size(), 3U);
-  EXPECT_TRUE(rows.measurements.stations.empty());
+  EXPECT_EQ(rows.measurements.stations, std::vector<std::string>{"W"});
 }
 
 }  // namespace

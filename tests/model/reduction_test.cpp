@@ -90,8 +90,9 @@ std::pair<double, double> left_and_moved(const ErrorModel& model, const std::vec
   std::vector<std::string> names = reduction.kept;
   names.push_back(dropped.name);
   const Estimate estimate{.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())),
-                          .targets = targets};
-  const Unknowns all(model, estimate.targets, names);
+                          .frames = {.targets = targets},
+                          .effects = {}};
+  const Unknowns all(model, estimate.frames.targets, names);
   Random random(9);
   double left = 0.0;
   double moved = 0.0;

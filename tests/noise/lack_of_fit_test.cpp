@@ -125,7 +125,7 @@ struct Trial {
       const Vector3d drawn{random.normal(), random.normal(), random.normal()};
       o.position() += misfit * of_configuration.try_emplace(o.configuration, drawn).first->second;
     }
-    estimate.X_WB.translation() += Vector3d(1e-4, -5e-5, 2e-5);
+    estimate.frames.base().translation() += Vector3d(1e-4, -5e-5, 2e-5);
   }
 
   std::optional<LackOfFit> tested() const { return test_lack_of_fit(experiment.model, measured, estimate, free); }

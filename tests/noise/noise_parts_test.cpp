@@ -128,8 +128,9 @@ public:
       }
       const auto first = static_cast<Index>(3 * i);
       jacobian_.middleRows<3>(first) = J;
-      residual_.segment<3>(first) = o.position() - estimate.X_WB * (X_BF[static_cast<std::size_t>(o.configuration)] *
-                                                                    estimate.targets[k].X_FT.translation());
+      residual_.segment<3>(first) =
+          o.position() - estimate.frames.base() * (X_BF[static_cast<std::size_t>(o.configuration)] *
+                                                   estimate.frames.targets[k].X_FT.translation());
     }
   }
 
@@ -391,7 +392,8 @@ double truly(const ParameterEstimate& p, const ErrorModel& model, const Estimate
     return p.nominal + truth.errors[static_cast<Index>(parameter_index(model, p.name))];
   }
   const bool base = p.name.rfind("base.", 0) == 0;
-  const Eigen::Isometry3d& X = base ? truth.X_WB : truth.targets[static_cast<std::size_t>(p.name[0] - 'A')].X_FT;
+  const Eigen::Isometry3d& X =
+      base ? truth.frames.base() : truth.frames.targets[static_cast<std::size_t>(p.name[0] - 'A')].X_FT;
   return (p.kind == ParameterKind::translation ? Vector3d(X.translation()) : rotation_log(X.linear()))[p.axis[0] - 'x'];
 }
 
@@ -441,8 +443,8 @@ Coverage coverage(const Truth& truth, int runs) {
     for (std::size_t i = 0; i < found.uncertainty.predicted.asked.size(); ++i) {
       const AskedPoint& point = found.uncertainty.predicted.asked[i];
       const auto count = static_cast<std::size_t>(truth.targets);
-      const Vector3d place = t.robot.truth.targets[i % count].X_FT.translation();
-      const Vector3d real = measured_at(t.robot.truth.X_WB * (X_BF[i / count] * place), truth, random);
+      const Vector3d place = t.robot.truth.frames.targets[i % count].X_FT.translation();
+      const Vector3d real = measured_at(t.robot.truth.frames.base() * (X_BF[i / count] * place), truth, random);
       result.radius += (real - point.position_W).norm() <= point.radius_95 ? 1.0 : 0.0;
       points += 1.0;
     }

@@ -42,8 +42,8 @@ struct Trial {
         measured(experiment.measure(configurations, noise)),
         free(experiment.model, experiment.targets, {"base.Tx", "base.Rz", "A.x", "B.y"}),
         estimate(experiment.robot.truth) {
-    estimate.X_WB.translation().y() += 2e-4;
-    estimate.targets[1].X_FT.translation().x() += 1e-4;
+    estimate.frames.base().translation().y() += 2e-4;
+    estimate.frames.targets[1].X_FT.translation().x() += 1e-4;
   }
 };
 
@@ -317,7 +317,7 @@ TEST(NoiseStrata, OfOrientationsSayWhatPosesSayBeyondTheirPoints) {
   const VirtualExperimentOptions arm{.targets = testing::as_frames(published_targets())};
   Trial trial(6, {.sigma = 1e-4, .orientation_sigma = 2e-4}, arm);
   trial.free = Unknowns(trial.experiment.model, trial.experiment.targets, {"base.Tx", "base.Rz", "base.Ry", "B.Rx"});
-  trial.estimate.targets[1].X_FT.rotate(Eigen::AngleAxisd(1e-3, Vector3d::UnitX()));
+  trial.estimate.frames.targets[1].X_FT.rotate(Eigen::AngleAxisd(1e-3, Vector3d::UnitX()));
   trial.measured = subset(testing::without_sigmas(trial.measured),
                           [](const Observation& o) { return o.configuration != 1 || o.target == 2; });
   double poses = 0.0;

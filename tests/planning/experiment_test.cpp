@@ -33,10 +33,12 @@ struct Fixture {
   MatrixXd configurations(int count) { return random_configurations(published_ranges(model.joints), count, random); }
 
   Measurements measured(const MatrixXd& q, double sigma) {
-    VirtualRobot robot{.model = model, .truth = {.errors = experiment.errors, .targets = experiment.targets}};
+    VirtualRobot robot{.model = model, .truth = nominal()};
     return measure(robot, q, {.sigma = sigma}, random);
   }
-  Estimate nominal() const { return {.errors = experiment.errors, .targets = experiment.targets}; }
+  Estimate nominal() const {
+    return {.errors = experiment.errors, .frames = {.targets = experiment.targets}, .effects = {}};
+  }
 };
 
 // The points' Jacobian in the tracker's frame by products of 4x4 matrices.
@@ -85,7 +87,7 @@ TEST(Experiment, EffectsMoveThePointsAsTheirMotionsOfTheJointsDo) {
       moved.effects = step;
       const Eigen::Isometry3d X_BF = flange_poses(f.experiment.model, moved, q.col(c)).front();
       Eigen::VectorXd points(6);
-      points << X_BF * moved.targets[0].X_FT.translation(), X_BF * moved.targets[1].X_FT.translation();
+      points << X_BF * moved.frames.targets[0].X_FT.translation(), X_BF * moved.frames.targets[1].X_FT.translation();
       return points;
     });
     // Ours are in the flange frame.
@@ -181,9 +183,9 @@ TEST(Experiment, KnowsATrackersNoiseFromWhereItStands) {
   EXPECT_LT((information(f.experiment, q) - expected).norm(), 1e-9 * expected.norm());
 
   // In a file the tracker may stand anywhere: it is found.
-  VirtualRobot robot{.model = f.model, .truth = {.errors = f.experiment.errors, .targets = f.experiment.targets}};
-  robot.truth.X_WB = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()) *
-                     Eigen::Translation3d(-f.experiment.noise.tracker_position);
+  VirtualRobot robot{.model = f.model, .truth = f.nominal()};
+  robot.truth.frames.base() = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()) *
+                              Eigen::Translation3d(-f.experiment.noise.tracker_position);
   const Measurements measurements = measure(robot, q, {}, f.random);
   EXPECT_LT((information(f.experiment, measurements) - expected).norm(), 1e-6 * expected.norm());
 }

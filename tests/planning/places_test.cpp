@@ -93,7 +93,7 @@ TEST(PlacesPlan, TouchesReachTheirSocketsPlaceByPlace) {
   }
   const VirtualRobot& nominal = plan.rows.robot;
   const ArmKinematics arm(nominal.model, nominal.truth.errors, nominal.truth.effects);
-  const Vector3d ball = nominal.truth.targets.front().X_FT.translation();
+  const Vector3d ball = nominal.truth.frames.targets.front().X_FT.translation();
   for (Index c = 0; c < 40; ++c) {
     const auto i = static_cast<std::size_t>(c);
     const auto station = std::find(plan.rows.measurements.stations.begin(), plan.rows.measurements.stations.end(),
@@ -101,7 +101,7 @@ TEST(PlacesPlan, TouchesReachTheirSocketsPlaceByPlace) {
                          plan.rows.measurements.stations.begin();
     const Vector3d in_base = arm.flange_pose(plan.sheet.joint_values.col(c)) * ball;
     EXPECT_GE(in_base.z(), 0.4);
-    const Vector3d there = nominal.truth.base(static_cast<std::size_t>(station)) * in_base;
+    const Vector3d there = nominal.truth.frames.base(static_cast<std::size_t>(station)) * in_base;
     EXPECT_LT((there - plan.sheet.points.col(c)).norm(), 1e-9) << c;
     EXPECT_LT(std::min((there - kSockets[0]).norm(), (there - kSockets[1]).norm()), 1e-9) << c;
   }

@@ -51,7 +51,7 @@ TEST(Planner, WithEffectsPromisesWhatAFitOfThemWillTell) {
   ASSERT_GT(terms, 30);
   // The least-squares problem of a calibration with these terms, their usual size as prior.
   const ErrorModel& model = plan.experiment.model;
-  Estimate nominal{.errors = plan.experiment.errors, .targets = plan.experiment.targets};
+  Estimate nominal{.errors = plan.experiment.errors, .frames = {.targets = plan.experiment.targets}, .effects = {}};
   nominal.effects = Eigen::VectorXd::Zero(terms);
   const VirtualRobot robot{.model = model, .truth = nominal};
   Random random(1);
@@ -95,7 +95,7 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
   const CalibrationResult found = calibrate(model, measured, options);
   PlanRequest request = request_with({EffectGroup::gravity});
   request.calibrated = parse_calibration(result_json(robot, measured, options, found), robot);
-  request.targets = request.calibrated->estimate.targets;
+  request.targets = request.calibrated->estimate.frames.targets;
   request.count = 5;
   const Plan plan = make_plan(request);
   ASSERT_EQ(plan.experiment.model.effects.size(), found.model.effects.size());
@@ -208,7 +208,7 @@ TEST(Planner, OnTopOfACalibrationKnowsWhatItSaysOfItsColumns) {
   const auto sigma = [&](double scale, bool open) {
     SavedCalibration known;
     known.model = complete_model(request.robot);
-    known.estimate = {.errors = testing::errors_of(known.model), .targets = request.targets};
+    known.estimate = {.errors = testing::errors_of(known.model), .frames = {.targets = request.targets}, .effects = {}};
     known.free = Unknowns(known.model, request.targets, {"base.Tx", "dq2", "dq3", "Rx1", "Tx1", "Tz2", "A.x"});
     known.covariance = scale * MatrixXd::Identity(known.free.size(), known.free.size());
     if (open) {

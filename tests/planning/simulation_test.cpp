@@ -39,8 +39,8 @@ TEST(Simulation, DrawsErrorsOfTheStatedSizes) {
       (is_length(model, model.parameters[p]) ? lengths : angles) += error * error;
       ++(is_length(model, model.parameters[p]) ? length_count : angle_count);
     }
-    base += robot.truth.X_WB.translation().squaredNorm() / 3.0;
-    tools += std::pow(robot.truth.targets[0].X_FT.translation().norm() - 0.1, 2);
+    base += robot.truth.frames.base().translation().squaredNorm() / 3.0;
+    tools += std::pow(robot.truth.frames.targets[0].X_FT.translation().norm() - 0.1, 2);
   }
   EXPECT_NEAR(std::sqrt(lengths / length_count), 0.0025, 0.0025 * 0.03);
   EXPECT_NEAR(std::sqrt(angles / angle_count), 3.0 * testing::kDegree, 3.0 * testing::kDegree * 0.03);
@@ -75,8 +75,8 @@ TEST(Simulation, DrawsEffectsOfTheStatedSizeAndMeasuresWithThem) {
     EXPECT_GT((moved - q).cwiseAbs().maxCoeff(), 1e-4);
     for (const Observation& o : measured.observations) {
       const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(chain, moved.col(o.configuration)));
-      const TargetFrame& target = robot.truth.targets[static_cast<std::size_t>(o.target)];
-      EXPECT_LT((o.position() - robot.truth.X_WB * (X_BF * target.X_FT.translation())).norm(), 1e-12);
+      const TargetFrame& target = robot.truth.frames.targets[static_cast<std::size_t>(o.target)];
+      EXPECT_LT((o.position() - robot.truth.frames.base() * (X_BF * target.X_FT.translation())).norm(), 1e-12);
     }
     EXPECT_EQ(measured.joint_values, q) << "the controller's values do not know of it";
   }
@@ -106,8 +106,8 @@ TEST(Simulation, RepeatsScatterWithTheCovarianceOfTheirParts) {
   const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 1, random);
   const KDL::Frame flange = testing::kdl_pose(error_chain(model, robot.truth.errors), q.col(0));
   std::vector<Eigen::Isometry3d> X_WT;
-  for (const TargetFrame& target : robot.truth.targets) {
-    X_WT.push_back(robot.truth.X_WB * to_eigen(flange) * target.X_FT);
+  for (const TargetFrame& target : robot.truth.frames.targets) {
+    X_WT.push_back(robot.truth.frames.base() * to_eigen(flange) * target.X_FT);
   }
   const TrackerNoise tracker{.range = 1e-3, .range_per_metre = 2e-3, .transverse = 4e-3, .transverse_per_metre = 5e-3};
   for (const bool by_tracker : {false, true}) {

@@ -67,7 +67,7 @@ TEST_F(TruthComparison, AnExactEstimateInAnotherGaugeDiffersInNothing) {
 
 TEST_F(TruthComparison, ADifferenceOfOneParameterIsFoundAsWhatItIs) {
   estimate.errors += testing::errors_of(model, {{"Tz2", 2e-4}});
-  estimate.X_WB = estimate.X_WB * Eigen::Translation3d(0.0, 3e-4, 0.0);
+  estimate.frames.base() = estimate.frames.base() * Eigen::Translation3d(0.0, 3e-4, 0.0);
   const MatrixXd q = configurations(100);
   const auto found = compare_with_truth(model, estimate, truth, q);
   const ComparedParameter& shifted = of(found, "Tz2");
@@ -100,15 +100,17 @@ TEST_F(TruthComparison, TheLargestDifferencesAreOfParametersBaseAndTargets) {
   const auto angle = with([&](Estimate& e) { e.errors += testing::errors_of(model, {{"dq3", -5e-4}}); });
   EXPECT_NEAR(angle.largest_angle, 5e-4, 1e-9);
   EXPECT_LT(angle.largest_length, 1e-9);
-  const auto turned = with([](Estimate& e) { e.X_WB.rotate(Eigen::AngleAxisd(6e-4, -Eigen::Vector3d::UnitY())); });
+  const auto turned =
+      with([](Estimate& e) { e.frames.base().rotate(Eigen::AngleAxisd(6e-4, -Eigen::Vector3d::UnitY())); });
   EXPECT_NEAR(turned.largest_angle, 6e-4, 1e-9);
   EXPECT_NEAR(turned.base_difference[4], -6e-4, 1e-9);
   EXPECT_LT(turned.base_difference.head<3>().norm(), 1e-9);
-  const auto tool = with([](Estimate& e) { e.targets[1].X_FT.translation().z() -= 7e-4; });
+  const auto tool = with([](Estimate& e) { e.frames.targets[1].X_FT.translation().z() -= 7e-4; });
   EXPECT_NEAR(tool.largest_length, 7e-4, 1e-9);
   EXPECT_LT(tool.largest_angle, 1e-9);
   // A twist in the base's own frame.
-  const auto moved = with([](Estimate& e) { e.X_WB = e.X_WB * Eigen::Translation3d(1e-4, -2e-4, 8e-4); });
+  const auto moved =
+      with([](Estimate& e) { e.frames.base() = e.frames.base() * Eigen::Translation3d(1e-4, -2e-4, 8e-4); });
   EXPECT_LT((moved.base_difference.head<3>() - Eigen::Vector3d(1e-4, -2e-4, 8e-4)).norm(), 1e-9);
   EXPECT_NEAR(moved.largest_length, 8e-4, 1e-9);
   EXPECT_NEAR(moved.points.mean, Eigen::Vector3d(1e-4, -2e-4, 8e-4).norm(), 1e-9);
@@ -123,7 +125,7 @@ TEST_F(TruthComparison, OrientationsOfTargetsAreComparedWhereTheyWereMeasured) {
   Estimate found = identify_jointly(poses.model, exact, nominal_start(poses.model, exact), poses.free).estimate;
   const MatrixXd q = poses.configurations(50);
   EXPECT_LT(compare_with_truth(poses.model, found, poses.robot.truth, q).largest_angle, 1e-9);
-  found.targets[1].X_FT.rotate(Eigen::AngleAxisd(9e-4, Eigen::Vector3d::UnitX()));
+  found.frames.targets[1].X_FT.rotate(Eigen::AngleAxisd(9e-4, Eigen::Vector3d::UnitX()));
   const auto turned = compare_with_truth(poses.model, found, poses.robot.truth, q);
   EXPECT_NEAR(turned.largest_angle, 9e-4, 1e-9);
   EXPECT_LT(turned.largest_length, 1e-9);
@@ -184,10 +186,10 @@ TEST_F(TruthComparison, ArmsUnderGravityOfAnotherDirectionAreNotOneModel) {
 }
 
 TEST_F(TruthComparison, TargetsAreMatchedByName) {
-  std::swap(truth.targets[0], truth.targets[2]);
-  truth.targets.push_back({.name = "unmeasured"});
+  std::swap(truth.frames.targets[0], truth.frames.targets[2]);
+  truth.frames.targets.push_back({.name = "unmeasured"});
   EXPECT_LT(compare_with_truth(model, estimate, truth, configurations(50)).points.max, 1e-10);
-  truth.targets.erase(truth.targets.begin());
+  truth.frames.targets.erase(truth.frames.targets.begin());
   EXPECT_THROW(compare_with_truth(model, estimate, truth, configurations(50)), InputError);
 }
 

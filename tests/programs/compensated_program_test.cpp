@@ -486,7 +486,7 @@ TEST(LsProgramLongRun, BringsTheTrueToolWhereItsUncertaintySays) {
         {.test_configurations = kPoints, .noise = 3e-5, .length_error = 1e-3, .angle_error = 1e-3, .seed = seed});
     const Calibration found = calibrate(fanuc(), experiment.measurements, plain);
     const Estimate& estimate = found.parts().estimate;
-    const Vector3d target = estimate.targets.front().X_FT.translation();
+    const Vector3d target = estimate.frames.targets.front().X_FT.translation();
     const Eigen::MatrixXd drawn = experiment.measurements.joint_values.rightCols(kPoints);
     VirtualProgram virtual_program;
     for (Eigen::Index i = 0; i < kPoints; ++i) {
@@ -505,7 +505,8 @@ TEST(LsProgramLongRun, BringsTheTrueToolWhereItsUncertaintySays) {
       }
       const ProgramPosition& position = written.positions[i];
       const VectorXd q = virtual_program.driven(position, drawn.col(static_cast<Eigen::Index>(i)));
-      const Vector3d wanted = estimate.X_WB * virtual_program.flange(position, virtual_program.asked[i]) * target;
+      const Vector3d wanted =
+          estimate.frames.base() * virtual_program.flange(position, virtual_program.asked[i]) * target;
       const Vector3d reached = experiment.truth.predict(q, "A", PredictionFrame::measuring).position;
       ratio += (reached - wanted).squaredNorm() /
                (found.arm().predict(q, "A", PredictionFrame::measuring).covariance.trace() +

@@ -51,11 +51,11 @@ TEST(ReportBlocks, TheArmIsThatOfTheUrdf) {
   const Robot robot = parse_robot(shaped_arm());
   const ErrorModel model = complete_model(robot);
   Random random(4);
-  const Estimate estimate{
-      .errors = testing::random_errors(model, random, 0.01, 0.02),
-      .X_WB = Eigen::Isometry3d(Eigen::Translation3d(0.3, -1.0, 0.2) * Eigen::AngleAxisd(0.7, Vector3d::UnitY())),
-      .targets = testing::circle_of_targets(),
-      .effects = {}};
+  const Estimate estimate{.errors = testing::random_errors(model, random, 0.01, 0.02),
+                          .frames = {.bases = {Eigen::Isometry3d(Eigen::Translation3d(0.3, -1.0, 0.2) *
+                                                                 Eigen::AngleAxisd(0.7, Vector3d::UnitY()))},
+                                     .targets = testing::circle_of_targets()},
+                          .effects = {}};
   const Json block = robot_block(robot, model, estimate);
   EXPECT_EQ(block["name"], "odd");
   EXPECT_EQ(block["base_link"], "world");
@@ -65,11 +65,11 @@ TEST(ReportBlocks, TheArmIsThatOfTheUrdf) {
       {"name": "skew", "type": "continuous", "lower": null, "upper": null},
       {"name": "elbow", "type": "revolute", "lower": -2.0, "upper": 2.0},
       {"name": "wrist", "type": "revolute", "lower": -2.0, "upper": 2.0}])"));
-  EXPECT_LT((frame_of(block["base"]).matrix() - estimate.X_WB.matrix()).norm(), 1e-15);
+  EXPECT_LT((frame_of(block["base"]).matrix() - estimate.frames.base().matrix()).norm(), 1e-15);
   ASSERT_EQ(block["targets"].size(), 3U);
   for (std::size_t k = 0; k < 3; ++k) {
-    EXPECT_EQ(block["targets"][k]["name"], estimate.targets[k].name);
-    EXPECT_EQ(vector_of(block["targets"][k]["position"]), estimate.targets[k].X_FT.translation());
+    EXPECT_EQ(block["targets"][k]["name"], estimate.frames.targets[k].name);
+    EXPECT_EQ(vector_of(block["targets"][k]["position"]), estimate.frames.targets[k].X_FT.translation());
   }
   std::vector<std::string> links;
   int joint = 0;
@@ -108,7 +108,7 @@ TEST(ReportBlocks, AnArmOfWrongShapesHasNone) {
   urdf.replace(urdf.find("radius=\"0.07\""), 13, "radius=\"-1.0\"");
   const Robot robot = parse_robot(urdf);
   const ErrorModel model = complete_model(robot);
-  const Estimate nominal{.errors = testing::errors_of(model), .targets = {}, .effects = {}};
+  const Estimate nominal{.errors = testing::errors_of(model), .frames = {}, .effects = {}};
   EXPECT_EQ(robot_block(robot, model, nominal)["shapes"], Json::array());
 }
 
@@ -191,7 +191,7 @@ TEST(ReportBlocks, RegionAndRangesAreThoseOfTheFittedRows) {
     Eigen::AlignedBox3d region;
     for (const Observation& o : m.measured.observations) {
       if (all || o.configuration < 9) {
-        region.extend(Vector3d(m.robot.truth.X_WB.inverse() * o.position()));
+        region.extend(Vector3d(m.robot.truth.frames.base().inverse() * o.position()));
       }
     }
     const Json block = m.block();

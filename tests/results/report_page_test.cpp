@@ -54,7 +54,7 @@ std::string result_of(const Measured& measured, const Provenance& provenance = {
 }
 
 std::string page_of(const Measured& measured, const std::string& result, bool with_measurements = true,
-                    const RegistrationOptions& known = {}) {
+                    const KnownFrames& known = {}) {
   return calibration_page({.result = result,
                            .source = "result",
                            .robot = &measured.robot,
@@ -126,10 +126,10 @@ TEST(ReportPage, TheChainOfThePageIsThatOfKdl) {
   const Robot robot = parse_robot(kOddArm);
   const ErrorModel model = complete_model(robot);
   Random random(3);
-  const Estimate estimate{.errors = random_errors(model, random, 0.01, 0.02),
-                          .X_WB = Eigen::Isometry3d(Eigen::Translation3d(0.3, -1.0, 0.2)),
-                          .targets = circle_of_targets(),
-                          .effects = {}};
+  const Estimate estimate{
+      .errors = random_errors(model, random, 0.01, 0.02),
+      .frames = {.bases = {Eigen::Isometry3d(Eigen::Translation3d(0.3, -1.0, 0.2))}, .targets = circle_of_targets()},
+      .effects = {}};
   const Json page = Json::parse(reported_robot(robot, model, estimate));
   const Eigen::VectorXd q = random_joints(model, random);
   Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
@@ -148,7 +148,7 @@ TEST(ReportPage, TheChainOfThePageIsThatOfKdl) {
   }
   frame = frame * frame_of(page["tip_correction"]);
   EXPECT_LT(difference(to_kdl(frame), kdl_pose(error_chain(model, estimate.errors), q)), 1e-12);
-  EXPECT_LT((frame_of(page["base"]).matrix() - estimate.X_WB.matrix()).cwiseAbs().maxCoeff(), 1e-15);
+  EXPECT_LT((frame_of(page["base"]).matrix() - estimate.frames.base().matrix()).cwiseAbs().maxCoeff(), 1e-15);
 }
 
 TEST(ReportPage, PointsHaveTheirPlaceInTheOrderOfMeasurementWhereThatIsStated) {
@@ -245,9 +245,9 @@ TEST(ReportPage, HoldsCorrelationsInsteadOfTheCovariance) {
 TEST(ReportPage, ResidualsBeforeAreOfTheFramesThatWereKnown) {
   const Measured setting = measured(12);
   const std::string result = result_of(setting);
-  const RegistrationOptions known{.known_base = Eigen::Isometry3d(Eigen::Translation3d(0.001, 0.002, 0.003))};
+  const KnownFrames known{.bases = {{.X_WB = Eigen::Isometry3d(Eigen::Translation3d(0.001, 0.002, 0.003))}}};
   const Json data = data_of_page(page_of(setting, result, true, known));
-  const Estimate before = nominal_start(setting.model, setting.measurements, known);
+  const Estimate before = nominal_start(setting.model, setting.measurements, {.known = known});
   const std::vector<double> errors = position_errors(setting.model, before, setting.measurements);
   for (std::size_t i = 0; i < errors.size(); ++i) {
     EXPECT_NEAR(vector_of(data["measured"]["points"][i]["before"]).norm(), errors[i], 1e-12);

@@ -24,7 +24,7 @@ struct Rows {
     calibration.model = complete_model(testing::fanuc());
     Estimate& estimate = calibration.fit.identification.estimate;
     estimate.errors = testing::errors_of(calibration.model);
-    estimate.targets = testing::targets_at({{0.0, 0.0, 0.0}, {0.0, 0.0, 0.1}});
+    estimate.frames.targets = testing::targets_at({{0.0, 0.0, 0.0}, {0.0, 0.0, 0.1}});
     measured.joint_values = Eigen::MatrixXd::Zero(6, 2);
     measured.configurations = {"first", "second"};
     measured.targets = {"A", "B"};

@@ -107,8 +107,10 @@ void add_cases_of_points(std::vector<Case>& cases) {
                                {.validation = {.leave_one_out = true, .k_fold = 5}}));
   cases.push_back(s.calibrated("two-step", plain, {.estimator = {.method = Method::two_step}}));
   cases.push_back(s.calibrated("complete model", plain, {.parameters = {.model = ModelChoice::complete}}));
-  cases.push_back(s.calibrated("known base", plain, {.parameters = {.known_base = s.robot.truth.X_WB}}));
-  cases.push_back(s.calibrated("known targets", plain, {.parameters = {.known_targets = s.robot.truth.targets}}));
+  cases.push_back(
+      s.calibrated("known base", plain, {.parameters = {.known = {.bases = {{.X_WB = s.robot.truth.frames.base()}}}}}));
+  cases.push_back(
+      s.calibrated("known targets", plain, {.parameters = {.known = {.targets = s.robot.truth.frames.targets}}}));
   cases.push_back(s.calibrated("hardly enough", s.measured(s.configurations(5), kPoints)));
   Measurements mistyped = plain;
   mistyped.observations[40].position().y() += 0.01;
@@ -211,8 +213,8 @@ Case made_up() {
   found.fit.identification.rms_history = {0.5, 0.25};
   Estimate& estimate = found.fit.identification.estimate;
   estimate.errors = testing::errors_of(found.model);
-  estimate.targets = testing::targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}});
-  estimate.X_WB = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(-0.6, 0.0, 0.0, 0.8);
+  estimate.frames.targets = testing::targets_at({{0.1, 0.2, 0.3}, {0.4, 0.5, 0.6}});
+  estimate.frames.base() = Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::Quaterniond(-0.6, 0.0, 0.0, 0.8);
   found.exported.estimate = estimate;
   found.uncertainty.identifiability.rank = 21;
   found.uncertainty.identifiability.condition = 55.5;
@@ -493,8 +495,8 @@ std::vector<KDL::Frame> kdl_poses(const ErrorModel& model, const Estimate& estim
 }
 
 KDL::Vector predicted_point(const KDL::Frame& X_BF, const Estimate& estimate, int target) {
-  const Eigen::Vector3d point = estimate.targets[static_cast<std::size_t>(target)].X_FT.translation();
-  return to_kdl(estimate.X_WB) * (X_BF * KDL::Vector(point.x(), point.y(), point.z()));
+  const Eigen::Vector3d point = estimate.frames.targets[static_cast<std::size_t>(target)].X_FT.translation();
+  return to_kdl(estimate.frames.base()) * (X_BF * KDL::Vector(point.x(), point.y(), point.z()));
 }
 
 TEST(ResultJson, ResidualsAreMeasuredMinusKdlsPrediction) {
@@ -540,9 +542,7 @@ void expect_statistics(const Json& got, const std::vector<double>& distances, co
 }
 
 Estimate start_of(const Case& c) {
-  return nominal_start(
-      c.calibration.model, c.measurements,
-      {.known_base = c.options.parameters.known_base, .known_targets = c.options.parameters.known_targets});
+  return nominal_start(c.calibration.model, c.measurements, {.known = c.options.parameters.known});
 }
 
 // The accuracy of ISO 9283 is the error of the means of repeats. Its repeatability is the same for every estimate.
@@ -605,13 +605,13 @@ TEST(ResultJson, PredictionsAreThoseOfKdl) {
     const Estimate& estimate = c.calibration.fit.identification.estimate;
     const std::vector<KDL::Frame> poses = kdl_poses(c.calibration.model, estimate, c.options.predict_at.joint_values);
     const Json& asked = c.result["predicted_accuracy"]["asked"];
-    const std::size_t targets = estimate.targets.size();
+    const std::size_t targets = estimate.frames.targets.size();
     ASSERT_EQ(asked.size(), c.options.predict_at.names.size() * targets) << name;
     for (std::size_t i = 0; i < asked.size(); ++i) {
       EXPECT_EQ(asked[i]["configuration"], c.options.predict_at.names[i / targets]);
-      EXPECT_EQ(asked[i]["target"], estimate.targets[i % targets].name);
+      EXPECT_EQ(asked[i]["target"], estimate.frames.targets[i % targets].name);
       const KDL::Vector p_W = predicted_point(poses[i / targets], estimate, static_cast<int>(i % targets));
-      const KDL::Vector p_B = to_kdl(estimate.X_WB).Inverse() * p_W;
+      const KDL::Vector p_B = to_kdl(estimate.frames.base()).Inverse() * p_W;
       double squares = 0.0;
       for (std::size_t axis = 0; axis < 3; ++axis) {
         EXPECT_NEAR(asked[i]["position"][axis], p_B[static_cast<int>(axis)], 1e-12) << name;

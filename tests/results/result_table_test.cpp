@@ -41,11 +41,11 @@ struct Made {
     Estimate& estimate = c.fit.identification.estimate;
     estimate.errors = testing::errors_of(c.model);
     estimate.effects = Eigen::Vector2d(0.002, 0.0);
-    estimate.X_WB = Eigen::Translation3d(1.5, -2.25, 0.125) *
-                    Eigen::AngleAxisd(30.0 * kDegree, Eigen::Vector3d::UnitZ()) *
-                    Eigen::AngleAxisd(-20.0 * kDegree, Eigen::Vector3d::UnitY()) *
-                    Eigen::AngleAxisd(10.0 * kDegree, Eigen::Vector3d::UnitX());
-    estimate.targets = testing::targets_at({{0.1, 0.0, -0.05}, {0.0, 0.1205, 0.0}});
+    estimate.frames.base() = Eigen::Translation3d(1.5, -2.25, 0.125) *
+                             Eigen::AngleAxisd(30.0 * kDegree, Eigen::Vector3d::UnitZ()) *
+                             Eigen::AngleAxisd(-20.0 * kDegree, Eigen::Vector3d::UnitY()) *
+                             Eigen::AngleAxisd(10.0 * kDegree, Eigen::Vector3d::UnitX());
+    estimate.frames.targets = testing::targets_at({{0.1, 0.0, -0.05}, {0.0, 0.1205, 0.0}});
     measured.joint_values = Eigen::MatrixXd::Zero(5, 7);
     measured.joint_values.row(1).setLinSpaced(-0.4, 0.5);
     for (std::int32_t i = 0; i < 7; ++i) {
@@ -58,7 +58,7 @@ struct Made {
     c.uncertainty.identifiability.rank = 20;
     c.uncertainty.identifiability.columns = 21;
     c.uncertainty.identifiability.condition = 123.4;
-    c.fit.free = Unknowns(c.model, estimate.targets, {"dq2", "dq4", "Tx1"});
+    c.fit.free = Unknowns(c.model, estimate.frames.targets, {"dq2", "dq4", "Tx1"});
     c.uncertainty.covariance = Eigen::Vector3d(1e-8, std::pow(0.01 * kDegree, 2), 1.0).asDiagonal();
     c.accuracy.train.before = {.count = 12, .mean = 1.1e-3, .rms = 1.2e-3, .p95 = 1.9e-3, .max = 2.0e-3};
     c.accuracy.train.after = {.count = 12, .mean = 0.11e-3, .rms = 0.12e-3, .p95 = 0.19e-3, .max = 0.2e-3};

@@ -98,13 +98,13 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
   ASSERT_EQ(read.model.effects.size(), written().calibration.model.effects.size());
   ASSERT_GT(read.model.effects.size(), 2U);
   EXPECT_TRUE(read.estimate.effects == wrote.effects);
-  EXPECT_TRUE(read.estimate.X_WB.translation() == wrote.X_WB.translation());
-  EXPECT_LT((read.estimate.X_WB.linear() - wrote.X_WB.linear()).norm(), 1e-14);
-  ASSERT_EQ(read.estimate.targets.size(), 2U);
+  EXPECT_TRUE(read.estimate.frames.base().translation() == wrote.frames.base().translation());
+  EXPECT_LT((read.estimate.frames.base().linear() - wrote.frames.base().linear()).norm(), 1e-14);
+  ASSERT_EQ(read.estimate.frames.targets.size(), 2U);
   for (std::size_t k = 0; k < 2; ++k) {
-    EXPECT_EQ(read.estimate.targets[k].name, wrote.targets[k].name);
-    EXPECT_EQ(read.estimate.targets[k].with_orientation, wrote.targets[k].with_orientation);
-    EXPECT_LT((read.estimate.targets[k].X_FT.matrix() - wrote.targets[k].X_FT.matrix()).norm(), 1e-14);
+    EXPECT_EQ(read.estimate.frames.targets[k].name, wrote.frames.targets[k].name);
+    EXPECT_EQ(read.estimate.frames.targets[k].with_orientation, wrote.frames.targets[k].with_orientation);
+    EXPECT_LT((read.estimate.frames.targets[k].X_FT.matrix() - wrote.frames.targets[k].X_FT.matrix()).norm(), 1e-14);
   }
   EXPECT_EQ(read.verdict, written().calibration.verdict());
   EXPECT_EQ(read.free.names(), written().calibration.fit.free.names());
@@ -324,14 +324,14 @@ TEST(SavedCalibration, ReadsBaseTargetsAndGravityAsTheyStand) {
       "covariance": null, "trusted": true, "doubts": []})");
   const auto read = [&] { return parse_calibration(json.dump(), written().robot); };
   const SavedCalibration saved = read();
-  const Eigen::Vector3d turned = saved.estimate.X_WB.linear() * Eigen::Vector3d(1.0, 2.0, 3.0);
+  const Eigen::Vector3d turned = saved.estimate.frames.base().linear() * Eigen::Vector3d(1.0, 2.0, 3.0);
   EXPECT_LT((turned - Eigen::Vector3d(3.0, 1.0, 2.0)).norm(), 1e-12);  // x to y to z
-  EXPECT_EQ(saved.estimate.X_WB.translation(), Eigen::Vector3d(1.0, 2.0, 3.0));
-  ASSERT_EQ(saved.estimate.targets.size(), 2U);
-  EXPECT_FALSE(saved.estimate.targets[0].with_orientation);
-  EXPECT_EQ(saved.estimate.targets[1].name, "B");
-  EXPECT_EQ(saved.estimate.targets[1].X_FT.translation(), Eigen::Vector3d(0.4, 0.5, 0.6));
-  EXPECT_TRUE(saved.estimate.targets[1].X_FT.linear().isApprox(
+  EXPECT_EQ(saved.estimate.frames.base().translation(), Eigen::Vector3d(1.0, 2.0, 3.0));
+  ASSERT_EQ(saved.estimate.frames.targets.size(), 2U);
+  EXPECT_FALSE(saved.estimate.frames.targets[0].with_orientation);
+  EXPECT_EQ(saved.estimate.frames.targets[1].name, "B");
+  EXPECT_EQ(saved.estimate.frames.targets[1].X_FT.translation(), Eigen::Vector3d(0.4, 0.5, 0.6));
+  EXPECT_TRUE(saved.estimate.frames.targets[1].X_FT.linear().isApprox(
       Eigen::Quaterniond(0.5, -0.5, 0.5, 0.5).toRotationMatrix(), 1e-12));
   EXPECT_EQ(saved.model.gravity, KDL::Vector(0.6, 0.0, -0.8));
   EXPECT_EQ(saved.model.effects.size(), 0U);

@@ -85,8 +85,8 @@ void slip_target(const ErrorModel& model, const Estimate& estimate, Measurements
   const auto X_BF = flange_poses(model, estimate, measurements.joint_values);
   for (Observation& observation : measurements.observations) {
     if (observation.target == slip.target && observation.configuration >= slip.after) {
-      observation.position() +=
-          estimate.X_WB.linear() * X_BF[static_cast<std::size_t>(observation.configuration)].linear() * slip.step;
+      observation.position() += estimate.frames.base().linear() *
+                                X_BF[static_cast<std::size_t>(observation.configuration)].linear() * slip.step;
     }
   }
 }
@@ -447,7 +447,7 @@ TEST(DataQualityOnRealData, FindsNothingInTheUr10Poses) {
   const Robot robot = load_robot(folder + "/ur10.urdf", {.base = "base_link", .tip = "tool0"});
   const ErrorModel model = complete_model(robot);
   const Measurements measured = read_measurements(folder + "/measurements.csv", joint_names(robot));
-  const std::vector<TargetFrame> targets = nominal_start(model, measured).targets;
+  const std::vector<TargetFrame> targets = nominal_start(model, measured).frames.targets;
   const Unknowns free(model, targets, reduced_model(model, targets).kept);
   EXPECT_THAT(messages(check_measurements(model, measured, preliminary(model, measured, free))), IsEmpty());
 }

@@ -13,8 +13,7 @@ namespace {
 GrossRows found_in(const testing::VirtualExperiment& experiment, const Measurements& measured, const Unknowns& free,
                    const FitOptions& options = {}) {
   const Estimate start{.errors = Eigen::VectorXd::Zero(experiment.robot.truth.errors.size()),
-                       .X_WB = experiment.robot.truth.X_WB,
-                       .targets = experiment.robot.truth.targets,
+                       .frames = experiment.robot.truth.frames,
                        .effects = {}};
   const Identification fit = identify_jointly(experiment.model, measured, start, free);
   return find_gross_rows(

@@ -49,9 +49,9 @@ struct Known {
     Random random(scene.seed);
     truth.errors = Eigen::VectorXd::Zero(static_cast<Index>(model.parameters.size()));
     truth.errors.head(scene.errors).setConstant(0.001);
-    truth.X_WB.linear() = rotation_exp({0.3, -0.5, 1.1});
-    truth.X_WB.translation() = Vector3d(2.0, -1.0, 0.3);
-    truth.targets = testing::targets_at(scene.targets);
+    truth.frames.base().linear() = rotation_exp({0.3, -0.5, 1.1});
+    truth.frames.base().translation() = Vector3d(2.0, -1.0, 0.3);
+    truth.frames.targets = testing::targets_at(scene.targets);
     Eigen::MatrixXd q(6, scene.configurations);
     for (Index c = 0; c < q.cols(); ++c) {
       q.col(c) = 0.5 * testing::random_joints(model, random);
@@ -63,8 +63,8 @@ struct Known {
   }
 
   Vector3d expected(int configuration, std::size_t target) const {
-    return truth.X_WB * flange_poses(model, truth, measured)[static_cast<std::size_t>(configuration)] *
-           Vector3d(truth.targets[target].X_FT.translation());
+    return truth.frames.base() * flange_poses(model, truth, measured)[static_cast<std::size_t>(configuration)] *
+           Vector3d(truth.frames.targets[target].X_FT.translation());
   }
   Observation& row(int configuration, int target, int repeat = 1) {
     return *std::find_if(measured.observations.begin(), measured.observations.end(), [&](const Observation& o) {
@@ -92,7 +92,8 @@ TEST(ResidualCheck, NamesASlipItsTargetAndItsStepInTheFlange) {
   EXPECT_THAT(messages(known.findings()), IsEmpty());
   for (Observation& o : known.measured.observations) {
     if (o.target == 2 && o.configuration >= 9) {
-      o.position() += known.truth.X_WB.linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
+      o.position() +=
+          known.truth.frames.base().linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
     }
   }
   const std::vector<QualityFinding> found = known.findings();
@@ -272,7 +273,8 @@ TEST(DataQuality, ASlipAndARowThatIsOffAreDifferentMatters) {
   const auto slip = [&](int target, const Vector3d& step) {
     for (Observation& o : known.measured.observations) {
       if (o.target == target && o.configuration >= 12) {
-        o.position() += known.truth.X_WB.linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
+        o.position() +=
+            known.truth.frames.base().linear() * X_BF[static_cast<std::size_t>(o.configuration)].linear() * step;
       }
     }
   };
@@ -289,7 +291,7 @@ TEST(ResidualCheck, RefusesWhatDoesNotHoldTogether) {
   EXPECT_THAT(messages(known.findings()), IsEmpty());
   EXPECT_THAT(refusal([&] { known.findings({.noise_floor = -1.0}); }), HasSubstr("the floor of the noise"));
   Known estimate = known;
-  estimate.truth.targets.pop_back();
+  estimate.truth.frames.targets.pop_back();
   EXPECT_THAT(refusal([&] { estimate.findings(); }), HasSubstr("targets of an estimate"));
   known.measured.observations[2].position().y() = std::nan("");
   EXPECT_THAT(refusal([&] { known.findings(); }), HasSubstr("observation 2"));

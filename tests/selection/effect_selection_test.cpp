@@ -749,7 +749,7 @@ TEST(DriveEffects, WhereItIsNotKnownPredictionsAreAsUncertainAsThePlayIsWide) {
       Estimate rigid = known.fit.identification.estimate;
       rigid.effects.setZero();
       const auto X_BF = flange_poses(known.model, rigid, beside);
-      const Eigen::Vector3d target = rigid.targets[0].X_FT.translation();
+      const Eigen::Vector3d target = rigid.frames.targets[0].X_FT.translation();
       variance += (X_BF[0] * target - X_BF[1] * target).squaredNorm();
     }
     EXPECT_NEAR(without.sigma, std::sqrt(variance), 0.02 * without.sigma);

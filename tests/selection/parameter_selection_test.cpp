@@ -64,15 +64,21 @@ TEST(ParameterSelection, IsThePublishedModelWithWhatIsFreedWithoutWhatIsFixedOrK
        {.model = ModelChoice::complete, .fix = {"Tx*"}, .free = {"dq1"}},
        everything,
        "Tx0 Tx1 Tx4 Tx6"},
-      {"base", {.known_base = base}, "dq1 Tz0 Tx0 Ty0 Rx0 Ry0", "base.Tx base.Ty base.Tz base.Rx base.Ry base.Rz"},
-      {"base turned", {.free = {"base.T?"}, .known_base = base}, "dq1 Rx0 Ry0", "base.Rx base.Ry base.Rz"},
-      {"base turned and fixed",
-       {.fix = {"base.Rz"}, .free = {"base.T?"}, .known_base = base},
+      {"base",
+       {.known = {.bases = {{.X_WB = base}}}},
+       "dq1 Tz0 Tx0 Ty0 Rx0 Ry0",
+       "base.Tx base.Ty base.Tz base.Rx base.Ry base.Rz"},
+      {"base turned",
+       {.free = {"base.T?"}, .known = {.bases = {{.X_WB = base}}}},
        "dq1 Rx0 Ry0",
        "base.Rx base.Ry base.Rz"},
-      {"frame", {.known_targets = {b}}, behind_b, "B.x B.y B.z B.Rx B.Ry B.Rz"},
-      {"frame turned", {.free = {"B.?"}, .known_targets = {b}}, "dq6 Rz6 Rx6", "B.Rx B.Ry B.Rz"},
-      {"frame and point", {.known_targets = {b, a}}, behind_b, "A.x A.y A.z B.x B.y B.z B.Rx B.Ry B.Rz"}};
+      {"base turned and fixed",
+       {.fix = {"base.Rz"}, .free = {"base.T?"}, .known = {.bases = {{.X_WB = base}}}},
+       "dq1 Rx0 Ry0",
+       "base.Rx base.Ry base.Rz"},
+      {"frame", {.known = {.targets = {b}}}, behind_b, "B.x B.y B.z B.Rx B.Ry B.Rz"},
+      {"frame turned", {.free = {"B.?"}, .known = {.targets = {b}}}, "dq6 Rz6 Rx6", "B.Rx B.Ry B.Rz"},
+      {"frame and point", {.known = {.targets = {b, a}}}, behind_b, "A.x A.y A.z B.x B.y B.z B.Rx B.Ry B.Rz"}};
   const ErrorModel model = complete_model(testing::fanuc());
   for (const Choice& choice : choices) {
     const ParameterSelection found =
@@ -130,9 +136,9 @@ TEST(ParameterSelection, RefusesToFixFramesThatAreNotKnown) {
   };
   EXPECT_THAT(refused({.fix = {"base.Rx"}}),
               ElementsAre("fix", "base.Rx can only be fixed where its value is known", "known_base"));
-  EXPECT_THAT(refused({.fix = {"A.y"}, .known_targets = {a_point_and_a_frame()[1]}}),
+  EXPECT_THAT(refused({.fix = {"A.y"}, .known = {.targets = {a_point_and_a_frame()[1]}}}),
               ElementsAre("fix", "A.y can only be fixed where its value is known", "known_targets"));
-  EXPECT_THAT(refused({.fix = {"A.y"}, .known_targets = {a_point_and_a_frame()[0]}}), ElementsAre());
+  EXPECT_THAT(refused({.fix = {"A.y"}, .known = {.targets = {a_point_and_a_frame()[0]}}}), ElementsAre());
 }
 
 TEST(ParameterSelection, PatternsOfEffectsLeaveOutTheTermsThatTheyMatch) {
@@ -481,7 +487,7 @@ TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterations
   EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
   EXPECT_LT(found.fit.identification.iterations, 30);
   EXPECT_LT(found.accuracy.train.after.rms, 0.00014);
-  EXPECT_LT(found.fit.identification.estimate.targets[0].X_FT.translation().norm(), 0.3);
+  EXPECT_LT(found.fit.identification.estimate.frames.targets[0].X_FT.translation().norm(), 0.3);
   for (std::size_t i = 1; i < found.fit.identification.rms_history.size(); ++i) {
     EXPECT_LE(found.fit.identification.rms_history[i], found.fit.identification.rms_history[i - 1]) << i;
   }

@@ -20,9 +20,9 @@ class IdentificationJacobian : public ::testing::TestWithParam<bool> {
 protected:
   void SetUp() override {
     estimate.errors = testing::random_errors(model, random, 0.002, 0.02);
-    estimate.X_WB =
+    estimate.frames.base() =
         Eigen::Translation3d(1.0, -2.0, 0.5) * Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized());
-    estimate.targets = published_targets();
+    estimate.frames.targets = published_targets();
     q = testing::random_joints(model, random);
   }
 
@@ -35,15 +35,16 @@ protected:
       moved.errors[static_cast<Eigen::Index>(parameter_index(model, name))] += step;
     } else if (name.compare(0, dot, "base") == 0) {
       const Eigen::Vector3d along = step * axis(name.back());
-      moved.X_WB = name[dot + 1] == 'T' ? moved.X_WB * Eigen::Translation3d(along)
-                                        : moved.X_WB * Eigen::AngleAxisd(step, axis(name.back()));
+      moved.frames.base() = name[dot + 1] == 'T' ? moved.frames.base() * Eigen::Translation3d(along)
+                                                 : moved.frames.base() * Eigen::AngleAxisd(step, axis(name.back()));
     } else {
-      moved.targets[static_cast<std::size_t>(name.front() - 'A')].X_FT.translation() += step * axis(name.back());
+      moved.frames.targets[static_cast<std::size_t>(name.front() - 'A')].X_FT.translation() += step * axis(name.back());
     }
     const Eigen::Isometry3d X_BF = to_eigen(testing::kdl_pose(error_chain(model, moved.errors), q));
     VectorXd result(9);
     for (Eigen::Index t = 0; t < 3; ++t) {
-      result.segment<3>(3 * t) = moved.X_WB * (X_BF * moved.targets[static_cast<std::size_t>(t)].X_FT.translation());
+      result.segment<3>(3 * t) =
+          moved.frames.base() * (X_BF * moved.frames.targets[static_cast<std::size_t>(t)].X_FT.translation());
     }
     return result;
   }
@@ -55,8 +56,8 @@ protected:
 };
 
 TEST_P(IdentificationJacobian, ColumnsAreCentralDifferencesOfKdlsPositions) {
-  const Reduction reduction = reduced_model(model, estimate.targets);
-  const Unknowns free = Unknowns(model, estimate.targets, reduction.kept);
+  const Reduction reduction = reduced_model(model, estimate.frames.targets);
+  const Unknowns free = Unknowns(model, estimate.frames.targets, reduction.kept);
   const MatrixXd J = identification_jacobian(model, estimate, free, q);
   const std::vector<std::string> names = free.names();
   ASSERT_EQ(J.rows(), 9);
@@ -81,14 +82,14 @@ TEST_P(IdentificationJacobian, AIsThePublishedMatrixWrittenOut) {
   ASSERT_EQ(A.rows(), 9);
   ASSERT_EQ(A.cols(), 15);
   EXPECT_LT((A - expected).cwiseAbs().maxCoeff(), 1e-12);
-  EXPECT_THAT(base_and_tool_names(estimate.targets),
+  EXPECT_THAT(base_and_tool_names(estimate.frames.targets),
               ::testing::ElementsAre("p_base.x", "p_base.y", "p_base.z", "phi_base.x", "phi_base.y", "phi_base.z",
                                      "u_A.x", "u_A.y", "u_A.z", "u_B.x", "u_B.y", "u_B.z", "u_C.x", "u_C.y", "u_C.z"));
 }
 
 TEST_P(IdentificationJacobian, RefusesEffects) {
   model.effects = gain_terms(model);
-  const Unknowns free(model, estimate.targets, {model.effects.front().name});
+  const Unknowns free(model, estimate.frames.targets, {model.effects.front().name});
   EXPECT_THROW(identification_jacobian(model, estimate, free, q), InputError);
 }
 

@@ -63,7 +63,7 @@ struct Trial {
         fit.options.joint.residuals.row_weights.push_back(row % 3 == 1 ? 0.3 : 1.0);
       }
     }
-    fit.start.X_WB.translation().x() += 1e-4;
+    fit.start.frames.base().translation().x() += 1e-4;
     R = MatrixXd::Identity(7, 7);
     R.triangularView<Eigen::StrictlyUpper>().setConstant(0.3);
     R *= 2.0;
@@ -123,7 +123,7 @@ TEST(ConfigurationSystem, HasTheInformationOfItsMeans) {
   const Trial t(noise, false);
   const ConfigurationSystem found = ConfigurationSystems(t.fit, t.R).of({t.rows(6)})[0];
   const auto X_BF = flange_poses(t.fit.model, t.fit.start, t.measured.joint_values.col(6));
-  const Matrix3d R = (t.fit.start.X_WB * X_BF[0]).linear();
+  const Matrix3d R = (t.fit.start.frames.base() * X_BF[0]).linear();
   const MatrixXd covariance = MatrixXd(found.U.transpose() * found.U).inverse();
   for (Index i = 0; i < 3; ++i) {
     for (Index j = 0; j < 3; ++j) {

@@ -331,8 +331,9 @@ CovarianceTrials monte_carlo(int runs, const MeasuringNoise& noise, const NoiseM
     const std::vector<Eigen::Isometry3d> ours = flange_poses(experiment.model, found.estimate, unmeasured);
     for (Eigen::Index c = run % 10; c < unmeasured.cols(); c += 10) {  // a tenth of the poses in each run
       const auto i = static_cast<std::size_t>(c);
-      const Eigen::Vector3d error = found.estimate.X_WB * (ours[i] * found.estimate.targets[1].X_FT.translation()) -
-                                    robot.truth.X_WB * (truth[i] * robot.truth.targets[1].X_FT.translation());
+      const Eigen::Vector3d error =
+          found.estimate.frames.base() * (ours[i] * found.estimate.frames.targets[1].X_FT.translation()) -
+          robot.truth.frames.base() * (truth[i] * robot.truth.frames.targets[1].X_FT.translation());
       const Eigen::Matrix3d P = predicted_covariance(predictor, C, unmeasured.col(c), 1);
       for (int axis = 0; axis < 3; ++axis) {
         covered += std::abs(error[axis]) < 1.959964 * std::sqrt(P(axis, axis)) ? 1.0 : 0.0;

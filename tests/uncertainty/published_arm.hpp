@@ -18,7 +18,7 @@ inline VirtualExperiment published(const Random& random = Random(1)) {
 inline Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const Estimate& estimate,
                                      const Estimate& truth) {
   Eigen::VectorXd d(33);
-  const Eigen::Isometry3d off = truth.X_WB.inverse() * estimate.X_WB;
+  const Eigen::Isometry3d off = truth.frames.base().inverse() * estimate.frames.base();
   const Eigen::AngleAxisd turn(off.linear());
   d.head<3>() = off.translation();
   d.segment<3>(3) = turn.angle() * turn.axis();
@@ -28,7 +28,8 @@ inline Eigen::VectorXd column_errors(const VirtualExperiment& experiment, const 
   }
   for (int k = 0; k < 3; ++k) {
     const auto target = static_cast<std::size_t>(k);
-    d.segment<3>(24 + 3 * k) = estimate.targets[target].X_FT.translation() - truth.targets[target].X_FT.translation();
+    d.segment<3>(24 + 3 * k) =
+        estimate.frames.targets[target].X_FT.translation() - truth.frames.targets[target].X_FT.translation();
   }
   return d;
 }

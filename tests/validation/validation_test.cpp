@@ -116,13 +116,14 @@ TEST(Validation, RegisteredIsThatGeometryWithTheFramesThatAreNotKnown) {
   for (const bool known_base : {false, true}) {
     RegistrationOptions known;
     if (known_base) {
-      known.known_base = f.robot.truth.X_WB * Eigen::Translation3d(1e-3, 0.0, 0.0);
+      known.known.bases = {{.X_WB = f.robot.truth.frames.base() * Eigen::Translation3d(1e-3, 0.0, 0.0)}};
     }
     const Estimate found = registered(f.model, errors, f.measured, known);
     EXPECT_EQ(found.errors, errors);
-    const Eigen::Isometry3d base = known_base ? *known.known_base : f.robot.truth.X_WB;
-    EXPECT_LT((found.X_WB.translation() - base.translation()).norm(), known_base ? 1e-12 : 1e-4);
-    EXPECT_LT((found.targets[1].X_FT.translation() - f.robot.truth.targets[1].X_FT.translation()).norm(), 2e-3);
+    const Eigen::Isometry3d base = known_base ? known.known.bases.front().X_WB : f.robot.truth.frames.base();
+    EXPECT_LT((found.frames.base().translation() - base.translation()).norm(), known_base ? 1e-12 : 1e-4);
+    EXPECT_LT((found.frames.targets[1].X_FT.translation() - f.robot.truth.frames.targets[1].X_FT.translation()).norm(),
+              2e-3);
     EXPECT_EQ(found.effects.size(), 0);
   }
 }
@@ -209,7 +210,7 @@ TEST(Validation, CrossValidationCountsTheFoldsThatDoNotConverge) {
 TEST(Validation, TheNominalRobotIsRegisteredAnewWithoutEachFold) {
   Fixture f(2);
   RegistrationOptions known;
-  known.known_base = f.robot.truth.X_WB * Eigen::Translation3d(0.0, 5e-3, 0.0);
+  known.known.bases = {{.X_WB = f.robot.truth.frames.base() * Eigen::Translation3d(0.0, 5e-3, 0.0)}};
   for (const RegistrationOptions& options : {RegistrationOptions{}, known}) {
     const auto folds = make_folds(f.measured, 3);
     std::vector<double> expected;
