@@ -60,7 +60,7 @@ public:
   PredictedPoint predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
                          PredictionFrame frame = PredictionFrame::base, const std::string& station = {}) const;
 
-  /// Names of the stations, if the measurements had several or single coordinates.
+  /// Names of the stations if there are several, single coordinates, or a plate; otherwise empty.
   std::vector<std::string> stations() const;
   /// X_WB, the base in the frame of the measuring device, of several stations at the named one. Throws InputError as
   /// `predict` does.

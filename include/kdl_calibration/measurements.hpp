@@ -36,31 +36,33 @@ using Orientation = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// A measured frame of a target: six equations.
 struct Pose {
-  Eigen::Vector3d position;  ///< [m] in W
-  Orientation orientation;   ///< of the target's frame in W
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< [m] in W
+  Orientation orientation = Orientation::Identity();   ///< of the target's frame in W
 };
 
-/// One or two coordinates of a point p.
+/// One or two coordinates of a point p in W. P is the projector onto the measured directions.
+/// One (count 1): the coordinate along n, P = n n^T. Two (count 2): those perpendicular to n, P = I - n n^T.
+/// If only x was measured: position (x, 0, 0), normal (1, 0, 0), count 1. Only x and y: (x, y, 0), (0, 0, 1), 2.
 struct Coordinates {
-  Eigen::Vector3d position;  ///< [m] in W: P p, with the projector P onto the measured directions
-  Eigen::Vector3d normal;    ///< unit vector n in W
-  /// Number of equations. 1: the coordinate along n, P = n n^T. 2: all but that one, P = I - n n^T.
-  std::int8_t count = 1;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< [m] P p: zero along directions that were not measured
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();   ///< unit vector n in W
+  std::int8_t count = 1;                               ///< number of equations
 };
 
 /// The distance of a point from an anchor: one equation.
 struct Distance {
-  double length = 0.0;     ///< [m] above 0
-  Eigen::Vector3d anchor;  ///< [m] in W
+  double length = 0.0;                               ///< [m] above 0
+  Eigen::Vector3d anchor = Eigen::Vector3d::Zero();  ///< [m] in W
 };
 
-/// What a row measures of a target. All errors of the row are lengths along the measured directions.
+/// The quantity that a row measures of a target: 3, 6, 1 or 2, and 1 equations. All errors of a position are lengths
+/// along the measured directions.
 using Reading = std::variant<Point, Pose, Coordinates, Distance>;
 
 /// One row of the file: all that is known of it.
 struct Observation {
   Reading reading;
-  double sigma = 0.0;                 ///< [m] 1 sigma per coordinate; 0 if the file states none
+  double sigma = 0.0;                 ///< [m] 1 sigma of each measured length; 0 if the file states none
   std::optional<std::int64_t> order;  ///< its place in the order of driving
   std::int32_t configuration = 0;     ///< column of Measurements::joint_values
   std::int32_t target = 0;            ///< index into Measurements::targets
@@ -68,7 +70,7 @@ struct Observation {
   Split split = Split::train;
   std::int16_t station = 0;  ///< index into Measurements::stations, the same for all rows of a configuration
 
-  /// [m] in W: the position of a point, a pose or coordinates, the anchor of a distance.
+  /// [m] in W: the position of a point, a pose or coordinates. Of a distance it is the anchor, not the point.
   const Eigen::Vector3d& position() const;
   Eigen::Vector3d& position();
   /// The measured orientation; null if the row is no pose.
@@ -135,7 +137,7 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// configuration. The optional column `station` names the place of the measuring device. `remark` says how the file
 /// differs from one of measurements_csv. Of x, y and z a coordinate that was not measured is left empty; n_x, n_y, n_z
 /// and along instead of them are a unit vector and the coordinate along it, `distance` is that from the anchor x, y, z
-/// or the origin (see Reading). Such a file without stations has one, W. A distance from another anchor
+/// or the origin (see Reading). Without a column of stations all rows are of one, W. A distance from another anchor
 /// than that of the configuration's first row is a configuration of its own.
 ///
 /// Orientations of targets, R = Rz(yaw) Ry(pitch) Rx(roll), come in one of five forms: qw, qx, qy, qz (normalised); rx,

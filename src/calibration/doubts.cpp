@@ -118,10 +118,11 @@ bool lacks_the_station_of_a_plate(const CalibrationResult& found, const Measurem
 
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
   if (lacks_the_station_of_a_plate(found, measurements)) {
-    return {{.cause = Cause::not_determined,
-             .message =
-                 "all points are on one line or in one place, which leaves a rotation of the base open; name the "
-                 "place of the plate in a column station, so that no prediction depends on that rotation"}};
+    return {
+        {.cause = Cause::not_determined,
+         .message =
+             "all points are on one line or in one place, which leaves a rotation of the base open; name the "
+             "place of the plate, other than W, in a column station, so that no prediction depends on that rotation"}};
   }
   if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < 1.0) {
     return {{.cause = Cause::not_determined,

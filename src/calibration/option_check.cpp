@@ -112,9 +112,6 @@ void require_whole_points(const Measurements& measurements, const CalibrationSet
   if (!has_single_coordinates(measurements)) {
     return;
   }
-  if (measurements.stations.empty()) {
-    refuse_input("single coordinates in " + measurements.source + " without a station", "the name of the frame W");
-  }
   const auto refuse = [&](const char* option, const std::string& what) {
     throw OptionError(option, what + " whole points, and " + measurements.source + " has single coordinates");
   };

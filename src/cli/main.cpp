@@ -151,8 +151,8 @@ std::string option_of(const std::string& member) {
                                                             {"noise.orientation", "--orientation-sigma"},
                                                             {"noise.independent", "--noise-independent"},
                                                             {"noise.tracker", "--noise-tracker"},
-                                                            {"known_base", "--known-base"},
-                                                            {"known_targets", "--known-targets"},
+                                                            {"known.bases", "--known-base"},
+                                                            {"known.targets", "--known-targets"},
                                                             {"prior_result", "--prior-result"}};
   const auto found = others.find(member);
   return found == others.end() ? "--" + member : found->second;

@@ -72,15 +72,15 @@ public:
                    const Unknowns& free)
       : measurements_(measurements), visits_(visits_of(measurements)) {
     const PositionPredictor predictor(model, estimate, free);
-    const Unknowns base_alone(model, estimate.frames.targets, base_parameter_names());
+    const Unknowns base_alone(model, estimate.frames.targets, base_parameter_names(model));
     const PositionPredictor of_base(model, estimate, base_alone);
     const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements);
     jacobians_.resize(X_BF.size());
     base_.resize(X_BF.size());
     for (std::size_t c = 0; c < X_BF.size(); ++c) {
       poses_.push_back(estimate.frames.base() * X_BF[c]);
-      jacobians_[c] = predictor.jacobians(measurements, static_cast<Index>(c));
-      base_[c] = of_base.jacobians(measurements, static_cast<Index>(c));
+      jacobians_[c] = predictor.jacobians(measurements, static_cast<Index>(c), 0);
+      base_[c] = of_base.jacobians(measurements, static_cast<Index>(c), 0);
     }
     gather(estimate);
   }

@@ -18,6 +18,7 @@
 namespace kdl_calibration {
 
 void check(const ErrorModel& model) {
+  require_at_least("stations of a model", static_cast<std::ptrdiff_t>(model.stations.size()), 1);
   const std::size_t joints = model.joints.size();
   for (const ErrorParameter& parameter : model.parameters) {
     const std::size_t frames = parameter.kind == ParameterKind::joint_offset ? joints : joints + 1;
@@ -33,8 +34,8 @@ void check(const ErrorModel& model) {
 void check(const Measurements& measurements, const ErrorModel& model) {
   check(model);
   check(measurements);
-  const bool apart = measurements.stations.size() > 1 || model.has_open_bases;
-  if (apart && model.stations != measurements.stations) {
+  const bool are_told_apart = measurements.stations.size() > 1 || model.has_open_bases;
+  if (are_told_apart && model.stations != measurements.stations) {
     throw InputError(fmt::format("{}: {} stations, expected the model's {}", measurements.source,
                                  measurements.stations.size(), model.stations.size()));
   }
@@ -176,6 +177,12 @@ void check(const KnownFrames& known, const Measurements& measurements) {
       refuse_input(
           "a known base of station " + shown(base.station) + ", which was not measured",
           names_stations(measurements) ? "one of " + comma_separated(stations) : "a known base without a station");
+    }
+  }
+  for (const std::string& station : stations) {
+    const auto is_its_own = [&](const StationBase& base) { return base.station.empty() || base.station == station; };
+    if (std::count_if(known.bases.begin(), known.bases.end(), is_its_own) > 1) {
+      refuse_input("two known bases of station " + shown(station), "one for each");
     }
   }
   const std::vector<std::string>& measured = measurements.targets;

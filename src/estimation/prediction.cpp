@@ -25,12 +25,12 @@ std::vector<Isometry3d> flange_poses(const ErrorModel& model, const Estimate& es
   return flange_poses(model, estimate, measurements.joint_values, measurements.signals);
 }
 
-Residual residual(const Reading& reading, const Isometry3d& predicted_target_in_W) {
-  const Vector3d f = predicted_target_in_W.translation();
+Residual residual(const Reading& reading, const Isometry3d& X_WT) {
+  const Vector3d f = X_WT.translation();
   Residual result{
       .position = measured_minus_predicted(reading, f), .directions = directions(reading, f), .rotation = {}};
   if (const auto* const pose = std::get_if<Pose>(&reading)) {
-    result.rotation = rotation_log(predicted_target_in_W.linear().transpose() * pose->orientation.toRotationMatrix());
+    result.rotation = rotation_log(X_WT.linear().transpose() * pose->orientation.toRotationMatrix());
   }
   return result;
 }

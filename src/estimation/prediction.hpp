@@ -32,7 +32,7 @@ struct Residual {
   /// [rad] log(R^T Z) in the target's frame, of a measured orientation Z and the predicted one R.
   std::optional<Eigen::Vector3d> rotation;
 };
-Residual residual(const Reading& reading, const Eigen::Isometry3d& predicted_target_in_W);
+Residual residual(const Reading& reading, const Eigen::Isometry3d& X_WT);
 
 /// Measured minus predicted position of a row [m], along its measured directions.
 Eigen::Vector3d measured_minus_predicted(const Observation& observation, const Estimate& estimate,

@@ -142,7 +142,7 @@ private:
       Eigen::Matrix<double, 3, 12> jacobian;
       jacobian << X_WB.linear(), -X_WB.linear() * skew(X_BT.translation()), R_WF, Matrix3d::Zero();
       Isometry3d X_WT = X_WB * X_BT;
-      X_WT.translation() = X_WB * X_BT.translation();
+      X_WT.translation() = X_WB * X_BT.translation();  // rounded as in predicted_point
       const Residual residual = kdl_calibration::residual(o.reading, X_WT);
       jacobian = residual.directions * Eigen::Matrix<double, 3, 12>(jacobian);
       add(residual.position, jacobian, weight, first, equations);

@@ -77,9 +77,18 @@ const char* version() { return KDL_CALIBRATION_VERSION; }
 std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
 
 std::string hash_of(const Measurements& measurements) {
+  constexpr std::size_t kPiece = std::size_t{1} << 16U;
   Sha256 hash;
+  std::string piece;
+  const auto flush = [&] {
+    hash.add(piece);
+    piece.clear();
+  };
   const auto add = [&](const auto& value) {
-    hash.add({reinterpret_cast<const char*>(&value), sizeof value});  // NOLINT(*-reinterpret-cast): of any number
+    piece.append(reinterpret_cast<const char*>(&value), sizeof value);  // NOLINT(*-reinterpret-cast): of any number
+    if (piece.size() >= kPiece) {
+      flush();
+    }
   };
   const auto add_each = [&](const auto& values) {
     add(values.size());
@@ -90,6 +99,7 @@ std::string hash_of(const Measurements& measurements) {
   add_each(measurements.joint_values);
   add_each(measurements.signals.approach);
   add_each(measurements.signals.torques);
+  add(measurements.observations.size());
   for (const Observation& row : measurements.observations) {
     add(row.reading.index());
     add_each(row.position());
@@ -117,9 +127,10 @@ std::string hash_of(const Measurements& measurements) {
     add(names->size());
     for (const std::string& name : *names) {
       add(name.size());
-      hash.add(name);
+      piece += name;
     }
   }
+  flush();
   return hash.hexadecimal();
 }
 

@@ -33,7 +33,7 @@ public:
   std::int32_t repeat() const;
   std::int64_t order() const;
   double sigma() const;  ///< [m]; 0 if none is stated
-  /// What the row measures.
+  /// The row's reading.
   Reading reading() const;
   std::optional<Eigen::Quaterniond> orientation() const;
   /// The numbers [SI] that state the orientation `R` in the file's form, of several ways those nearest to the row's.

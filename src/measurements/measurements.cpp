@@ -213,7 +213,8 @@ Measurements joined(const Measurements& first, const Measurements& second) {
     result.observations.push_back(observation);
   }
   result.signals = side_by_side(first.signals, second.signals);
-  return has_order(first) && has_order(second) ? result : without_order(std::move(result));
+  if (!has_order(first) || !has_order(second)) result = without_order(std::move(result));
+  return result;
 }
 
 }  // namespace kdl_calibration

@@ -1,6 +1,6 @@
 #pragma once
 
-// What the reading of a row says of its target.
+// Residual, directions and number of equations of a reading.
 
 #include <Eigen/Core>
 #include <cstddef>

@@ -29,10 +29,12 @@ struct LooseRotations {
   Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    ///< unit vectors in W; none if orientations were measured
 };
 LooseRotations loose_rotations(const Measurements& station);
+
 /// Whether the station has a name of its own, or there are several.
 inline bool names_stations(const Measurements& measurements) {
   return measurements.stations.size() != 1 || measurements.stations.front() != "W";
 }
+
 /// True if the measurements have one station, named or of single coordinates, and its points leave a rotation open.
 bool has_loose_rotations(const Measurements& measurements);
 

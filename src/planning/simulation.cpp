@@ -177,6 +177,18 @@ Eigen::Vector3d point_noise(const MeasuringNoise& noise, const Eigen::Vector3d& 
          (noise.tracker->transverse + noise.tracker->transverse_per_metre * distance) * (normal - along);
 }
 
+// The reading of a target at X_WT, a pose or a point. `common` is the noise of its repeat [m].
+Reading noisy_reading(const Eigen::Isometry3d& X_WT, const Eigen::Vector3d& common, const MeasuringNoise& noise,
+                      bool is_pose, Random& random) {
+  const Eigen::Vector3d own = point_noise(noise, X_WT.translation(), normal_vector(random));
+  const Eigen::Vector3d position = X_WT.translation() + common + own;
+  if (!is_pose) {
+    return Point{position};
+  }
+  const Eigen::Vector3d turn = noise.orientation_sigma * normal_vector(random);
+  return Pose{position, Eigen::Quaterniond(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)))};
+}
+
 }  // namespace
 
 Measurements measure(const VirtualRobot& robot, const Eigen::MatrixXd& joint_values, const MeasuringNoise& noise,
@@ -227,15 +239,7 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
                                         : Eigen::Vector3d(noise.common.cwiseProduct(normal_vector(random)));
       for (std::size_t k = 0; k < robot.truth.frames.targets.size(); ++k) {
         const TargetFrame& target = robot.truth.frames.targets[k];
-        const Eigen::Isometry3d X_WT = X_WF * target.X_FT;
-        const Eigen::Vector3d own = point_noise(noise, X_WT.translation(), normal_vector(random));
-        const Eigen::Vector3d position = X_WT.translation() + drift + own;
-        Reading reading = Point{position};
-        if (poses) {
-          const Eigen::Vector3d turn = noise.orientation_sigma * normal_vector(random);
-          reading = Pose{position, Eigen::Quaterniond(Eigen::Matrix3d(X_WT.linear() * rotation_exp(turn)))};
-        }
-        result.observations.push_back({.reading = reading,
+        result.observations.push_back({.reading = noisy_reading(X_WF * target.X_FT, drift, noise, poses, random),
                                        .sigma = noise.tracker ? 0.0 : noise.sigma,
                                        .configuration = static_cast<std::int32_t>(c),
                                        .target = static_cast<std::int32_t>(k),

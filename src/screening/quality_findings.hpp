@@ -1,6 +1,7 @@
 #pragma once
 
 // Shared by the checks of distances and of residuals: groups of rows, and messages of findings.
+
 #include <cstddef>
 #include <set>
 #include <vector>

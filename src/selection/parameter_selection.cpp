@@ -60,11 +60,11 @@ std::vector<std::string> fixed_frames(const ErrorModel& model, const std::vector
   const std::vector<std::string> bases = base_parameter_names(model);
   for (std::size_t i = 0; i < bases.size(); ++i) {
     const bool is_known = find_base(options.known.bases, model.stations[i / 6]) != nullptr;
-    consider(bases[i], is_known, "known_base");
+    consider(bases[i], is_known, "known.bases");
   }
   for (const TargetFrame& target : targets) {
     for (const std::string& name : target_parameter_names(target)) {
-      consider(name, find_target(options.known.targets, target.name) != nullptr, "known_targets");
+      consider(name, find_target(options.known.targets, target.name) != nullptr, "known.targets");
     }
   }
   return result;

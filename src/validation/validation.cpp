@@ -101,9 +101,10 @@ Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& est
   const auto cell_of = [&](const Observation& o) {
     return static_cast<std::size_t>(o.configuration) * measurements.targets.size() + static_cast<std::size_t>(o.target);
   };
+  const bool whole = !has_single_coordinates(measurements);
   std::vector<int> repeats(static_cast<std::size_t>(measurements.joint_values.cols()) * measurements.targets.size(), 0);
   for (const Observation& o : measurements.observations) {
-    repeats[cell_of(o)] += is_among(o, rows) && !has_single_coordinates(measurements) ? 1 : 0;
+    repeats[cell_of(o)] += whole && is_among(o, rows) ? 1 : 0;
   }
   std::map<std::size_t, Eigen::Vector3d> mean_of;  // for points with repeats only
   for (const Observation& o : means.observations) {

@@ -193,6 +193,7 @@ TEST(PlacesOfAPlate, OneAloneDeterminesFiveDirections) {
   EXPECT_TRUE(found.trusted());
   EXPECT_EQ(found.estimated().size(), experiment.reduction.kept.size() - 1);
   EXPECT_LT(distance_from_truth(found, experiment), 1e-3);
+  EXPECT_LT(distance_from_truth(calibrate(bundled_robot(), touches), experiment), 1e-3) << "with every check";
   touches.stations = {"W"};
   EXPECT_THAT(calibrate(bundled_robot(), touches, geometry_alone()).doubts(),
               Contains(Field(&Doubt::message, HasSubstr("name the place of the plate"))));
@@ -243,6 +244,9 @@ TEST(Stations, AKnownBaseMakesTheFirstOffsetDetermined) {
   options.parameters.known.bases = {{.X_WB = experiment.robot.truth.frames.base()}};
   EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, options); }),
               HasSubstr("a known base without its station"));
+  options.parameters.known.bases.assign(2, {"S2", experiment.robot.truth.frames.base(1)});
+  EXPECT_THAT(refusal([&] { return calibrate(bundled_robot(), measurements, options); }),
+              HasSubstr("two known bases of station 'S2', expected one for each"));
 }
 
 TEST(Stations, ASavedResultPredictsTheSame) {

@@ -118,6 +118,25 @@ TEST(RowsOfCoordinates, MeansOfStatedSigmasStateTheirOwn) {
   EXPECT_NEAR(averaged(rows).observations.front().sigma, 2.4e-5, 1e-18);
 }
 
+// Beside rows of coordinates the mean of whole points is the same as in a file without them.
+TEST(RowsOfCoordinates, LeaveTheMeansOfWholePointsAsTheyAre) {
+  Measurements rows = parsed(kHeader + "1,train,A,0.1,1,2,3,,,,\n2,train,A,0.1,,5,6,,,,\n");
+  rows.observations.push_back(rows.observations.front());
+  rows.observations.back().position().x() = 3.0;
+  rows.observations.front().sigma = 1e-5;
+  rows.observations.back().sigma = 9e-5;
+  const Observation mean = averaged(rows).observations.front();
+  EXPECT_TRUE(mean.position().isApprox(Vector3d(2, 2, 3), 1e-15));
+  EXPECT_NEAR(mean.sigma, std::sqrt(82.0) / 2.0 * 1e-5, 1e-18);
+}
+
+TEST(RowsOfCoordinates, TwoThatAreAlongNoAxisCannotBeWritten) {
+  Measurements rows = parsed(kFile);
+  rows.observations[1].reading =
+      Coordinates{.position = Vector3d::Zero(), .normal = Vector3d(0.6, 0.8, 0.0), .count = 2};
+  EXPECT_REFUSED("observation 1 has two coordinates that are not along x, y and z", measurements_csv(rows));
+}
+
 TEST(RowsOfCoordinates, StayWithTheirRows) {
   const Measurements all = parsed(kFile);
   const Measurements last = subset(all, [](const Observation& o) { return o.configuration > 0; });

@@ -135,9 +135,9 @@ TEST(ParameterSelection, RefusesToFixFramesThatAreNotKnown) {
     return {};
   };
   EXPECT_THAT(refused({.fix = {"base.Rx"}}),
-              ElementsAre("fix", "base.Rx can only be fixed where its value is known", "known_base"));
+              ElementsAre("fix", "base.Rx can only be fixed where its value is known", "known.bases"));
   EXPECT_THAT(refused({.fix = {"A.y"}, .known = {.targets = {a_point_and_a_frame()[1]}}}),
-              ElementsAre("fix", "A.y can only be fixed where its value is known", "known_targets"));
+              ElementsAre("fix", "A.y can only be fixed where its value is known", "known.targets"));
   EXPECT_THAT(refused({.fix = {"A.y"}, .known = {.targets = {a_point_and_a_frame()[0]}}}), ElementsAre());
 }
 
