@@ -59,6 +59,16 @@ struct Distance {
 /// along the measured directions.
 using Reading = std::variant<Point, Pose, Coordinates, Distance>;
 
+/// [m] in W: the position of a point, a pose or coordinates. Of a distance it is the anchor, not the point.
+/// `AnyReading` is Reading or const Reading.
+template <class AnyReading>
+auto& position_of(AnyReading& reading) {
+  if (auto* const point = std::get_if<Point>(&reading)) return point->position;
+  if (auto* const pose = std::get_if<Pose>(&reading)) return pose->position;
+  if (auto* const some = std::get_if<Coordinates>(&reading)) return some->position;
+  return std::get<Distance>(reading).anchor;
+}
+
 /// One row of the file: all that is known of it.
 struct Observation {
   Reading reading;
@@ -70,9 +80,9 @@ struct Observation {
   Split split = Split::train;
   std::int16_t station = 0;  ///< index into Measurements::stations, the same for all rows of a configuration
 
-  /// [m] in W: the position of a point, a pose or coordinates. Of a distance it is the anchor, not the point.
-  const Eigen::Vector3d& position() const;
-  Eigen::Vector3d& position();
+  /// See position_of.
+  const Eigen::Vector3d& position() const { return position_of(reading); }
+  Eigen::Vector3d& position() { return position_of(reading); }
   /// The measured orientation; null if the row is no pose.
   const Orientation* orientation() const {
     const Pose* const pose = std::get_if<Pose>(&reading);

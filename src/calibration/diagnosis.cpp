@@ -93,9 +93,7 @@ std::vector<std::string> lonely_names(const Measurements& measurements, const Pa
   }
   for (std::size_t target = 0; target < of_target.size(); ++target) {
     const std::string& name = measurements.targets[target];
-    const bool is_known = std::any_of(parameters.known.targets.begin(), parameters.known.targets.end(),
-                                      [&](const TargetFrame& known) { return known.name == name; });
-    if (!is_known) {
+    if (find_target(parameters.known.targets, name) == nullptr) {
       say("target", name, of_target[target]);
     }
   }

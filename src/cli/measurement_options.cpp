@@ -138,8 +138,8 @@ KnownFrames known_frames(const MeasurementArguments& arguments, const Measuremen
     } else {
       throw InputError("--known-base: " + (given.station.empty() ? "no station" : "station " + shown(given.station)) +
                        ", expected " +
-                       (!names_stations(measurements) ? "a file alone, as the measurements have no column station"
-                                                      : "STATION=FILE with one of " + comma_separated(stations)));
+                       (names_stations(measurements) ? "STATION=FILE with one of " + comma_separated(stations)
+                                                     : "a file alone, as the measurements have no column station"));
     }
   }
   if (!arguments.known_targets.empty()) {

@@ -144,24 +144,21 @@ bool is_rigid(const Eigen::Isometry3d& X) {
 }
 
 void check(const RegistrationOptions& options) {
-  const auto is_finite = [](const Eigen::Isometry3d& X) { return X.matrix().allFinite(); };
-  const bool finite = std::all_of(options.known.targets.begin(), options.known.targets.end(),
-                                  [&](const TargetFrame& target) { return is_finite(target.X_FT); }) &&
-                      std::all_of(options.known.bases.begin(), options.known.bases.end(), [&](const StationBase& base) {
-                        return !base.station.empty() || is_finite(base.X_WB);
-                      });
-  require_finite("a known frame", finite);
+  const auto require_pose = [](const Eigen::Isometry3d& X) {
+    require_finite("a known frame", X.matrix().allFinite());
+    if (!is_rigid(X)) {
+      refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
+    }
+  };
   for (const StationBase& base : options.known.bases) {
     if (!base.station.empty() && !is_rigid(base.X_WB)) {
       refuse_input("the known base of station " + shown(base.station) + " is not a pose",
                    "a rotation and a translation");
     }
+    require_pose(base.X_WB);
   }
-  if (!std::all_of(options.known.bases.begin(), options.known.bases.end(),
-                   [](const StationBase& base) { return is_rigid(base.X_WB); }) ||
-      !std::all_of(options.known.targets.begin(), options.known.targets.end(),
-                   [](const TargetFrame& target) { return is_rigid(target.X_FT); })) {
-    refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
+  for (const TargetFrame& target : options.known.targets) {
+    require_pose(target.X_FT);
   }
   require_sigma("the length for orientations", options.orientation_length);
 }

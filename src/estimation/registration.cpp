@@ -407,8 +407,8 @@ Registration register_base_and_targets(const std::vector<Eigen::Isometry3d>& X_B
   Vector3d c = Vector3d::Zero();  // for the centred measurements
   double ridge = 0.0;
   Eigen::Isometry3d& X_WB = result.frames.base();
-  if (!options.known.bases.empty()) {
-    X_WB = options.known.bases.front().X_WB;
+  if (const auto* given = find_base(options.known.bases, measurements.stations.front()); given != nullptr) {
+    X_WB = *given;
     A = X_WB.linear().transpose();
     c = A * (X_WB.translation() - sums.z_mean);
   } else {

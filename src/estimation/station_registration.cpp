@@ -223,8 +223,8 @@ Registration registered_by_coordinates(const std::vector<Isometry3d>& X_BF, cons
   double least = std::numeric_limits<double>::infinity();
   std::vector<Isometry3d> bases;
   const bool distances = std::all_of(training.observations.begin(), training.observations.end(), is_distance);
-  if (!options.known.bases.empty()) {
-    bases.push_back(options.known.bases.front().X_WB);
+  if (const Isometry3d* X_WB = find_base(options.known.bases, training.stations.front()); X_WB != nullptr) {
+    bases.push_back(*X_WB);
   } else if (distances) {
     bases.push_back(base_from_distances(X_BF, training, start.frames.targets));
   } else {

@@ -77,18 +77,9 @@ const char* version() { return KDL_CALIBRATION_VERSION; }
 std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
 
 std::string hash_of(const Measurements& measurements) {
-  constexpr std::size_t kPiece = std::size_t{1} << 16U;
   Sha256 hash;
-  std::string piece;
-  const auto flush = [&] {
-    hash.add(piece);
-    piece.clear();
-  };
   const auto add = [&](const auto& value) {
-    piece.append(reinterpret_cast<const char*>(&value), sizeof value);  // NOLINT(*-reinterpret-cast): of any number
-    if (piece.size() >= kPiece) {
-      flush();
-    }
+    hash.add({reinterpret_cast<const char*>(&value), sizeof value});  // NOLINT(*-reinterpret-cast): of any number
   };
   const auto add_each = [&](const auto& values) {
     add(values.size());
@@ -127,10 +118,9 @@ std::string hash_of(const Measurements& measurements) {
     add(names->size());
     for (const std::string& name : *names) {
       add(name.size());
-      piece += name;
+      hash.add(name);
     }
   }
-  flush();
   return hash.hexadecimal();
 }
 

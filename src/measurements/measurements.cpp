@@ -44,12 +44,14 @@ Reading mean_of_points(const SameCell& rows) {
   return orientations.empty() ? Reading(Point{mean}) : Reading(Pose{mean, mean_orientation(orientations)});
 }
 
+double weight(const Observation& row, bool by_sigma) { return by_sigma ? 1.0 / (row.sigma * row.sigma) : 1.0; }
+
 /// Mean of rows with directions P and weights w, L^+ sum w P z with L = sum w P, and its sigma for w = 1 / sigma^2.
-std::pair<Reading, double> mean_of_coordinates(const SameCell& rows, bool weighted) {
+std::pair<Reading, double> mean_of_coordinates(const SameCell& rows, bool by_sigma) {
   Eigen::Matrix3d L = Eigen::Matrix3d::Zero();
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (const Observation* row : rows) {
-    const double w = weighted ? 1.0 / (row->sigma * row->sigma) : 1.0;
+    const double w = weight(*row, by_sigma);
     L += w * directions(row->reading, row->position());
     sum += w * row->position();
   }
@@ -58,11 +60,11 @@ std::pair<Reading, double> mean_of_coordinates(const SameCell& rows, bool weight
 }
 
 /// Weighted mean of distances from one anchor.
-std::pair<Reading, double> mean_of_distances(const SameCell& rows, bool weighted) {
+std::pair<Reading, double> mean_of_distances(const SameCell& rows, bool by_sigma) {
   double weights = 0.0;
   double sum = 0.0;
   for (const Observation* row : rows) {
-    const double w = weighted ? 1.0 / (row->sigma * row->sigma) : 1.0;
+    const double w = weight(*row, by_sigma);
     weights += w;
     sum += w * std::get<Distance>(row->reading).length;
   }
@@ -89,18 +91,7 @@ Observation mean_observation(const SameCell& rows) {
   return mean;
 }
 
-template <class AnyReading>
-auto& position_of(AnyReading& reading) {
-  if (auto* const distance = std::get_if<Distance>(&reading)) return distance->anchor;
-  if (auto* const some = std::get_if<Coordinates>(&reading)) return some->position;
-  if (auto* const pose = std::get_if<Pose>(&reading)) return pose->position;
-  return std::get<Point>(reading).position;
-}
-
 }  // namespace
-
-const Eigen::Vector3d& Observation::position() const { return position_of(reading); }
-Eigen::Vector3d& Observation::position() { return position_of(reading); }
 
 Measurements subset(const Measurements& measurements, const std::function<bool(const Observation&)>& keep) {
   check(measurements);

@@ -6,12 +6,12 @@
 #include <cstddef>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
-#include "measurements/stations.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -33,25 +33,25 @@ void require_size_if_any(const Measurements& measurements, const char* what, std
   }
 }
 
-// What is wrong with a reading whose position is finite; empty if nothing is.
-std::string fault_of(const Reading& reading) {
+// `refuse_row` says what is wrong with a row and throws. The position is finite.
+template <class Refuse>
+void require_sound(const Reading& reading, const Refuse& refuse_row) {
   constexpr double kUnitQuaternion = 1e-3;
   constexpr double kUnitVector = 1e-9;
   if (const auto* const pose = std::get_if<Pose>(&reading)) {
-    const bool is_unit = std::abs(pose->orientation.norm() - 1.0) <= kUnitQuaternion;
-    return is_unit ? "" : "the orientation is no unit quaternion";
-  }
-  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
+    if (!(std::abs(pose->orientation.norm() - 1.0) <= kUnitQuaternion)) {
+      refuse_row("the orientation is no unit quaternion");
+    }
+  } else if (const auto* const some = std::get_if<Coordinates>(&reading)) {
     const bool is_unit = std::abs(some->normal.norm() - 1.0) <= kUnitVector;
-    return is_unit && (some->count == 1 || some->count == 2)
-               ? ""
-               : "its directions are none, expected 1 or 2 coordinates and a unit vector";
+    if (!is_unit || (some->count != 1 && some->count != 2)) {
+      refuse_row("its directions are none, expected 1 or 2 coordinates and a unit vector");
+    }
+  } else if (const auto* const distance = std::get_if<Distance>(&reading)) {
+    if (!std::isfinite(distance->length) || distance->length <= 0.0) {
+      refuse_row(fmt::format("a distance of {}, expected one above 0", distance->length));
+    }
   }
-  if (const auto* const distance = std::get_if<Distance>(&reading)) {
-    const bool is_length = std::isfinite(distance->length) && distance->length > 0.0;
-    return is_length ? "" : fmt::format("a distance of {}, expected one above 0", distance->length);
-  }
-  return "";
 }
 
 void require_sound(const Measurements& measurements, std::size_t row) {
@@ -81,43 +81,28 @@ void require_sound(const Measurements& measurements, std::size_t row) {
   if (observation.order.has_value() != measurements.observations.front().order.has_value()) {
     refuse_row("some rows have a place in the order and others have none, expected it in all or in none");
   }
-  if (const std::string fault = fault_of(observation.reading); !fault.empty()) {
-    refuse_row(fault);
-  }
+  require_sound(observation.reading, refuse_row);
 }
 
-// Each configuration has rows of one station only.
-void require_one_station_each(const Measurements& measurements) {
-  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    const Observation& observation = measurements.observations[row];
-    if (observation.station != stations[static_cast<std::size_t>(observation.configuration)]) {
-      refuse(measurements,
-             fmt::format("observation {}: its configuration has rows of several stations, expected one", row));
-    }
+// A configuration has rows of one station only, and its distances are from one anchor with no other rows beside them.
+void require_one_place(const Measurements& measurements, std::size_t row, const Observation& first) {
+  const Observation& observation = measurements.observations[row];
+  const auto refuse_several = [&](const char* places) {
+    refuse(measurements,
+           fmt::format("observation {}: its configuration has rows of several {}, expected one", row, places));
+  };
+  if (observation.station != first.station) {
+    refuse_several("stations");
   }
-}
-
-// The distances of a configuration are from one anchor, and no other rows are with them.
-void require_one_anchor_each(const Measurements& measurements) {
-  std::vector<std::size_t> first(measurements.configurations.size(), measurements.observations.size());
-  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
-    const Observation& observation = measurements.observations[row];
-    std::size_t& first_row = first[static_cast<std::size_t>(observation.configuration)];
-    first_row = std::min(first_row, row);
-    const Observation& other = measurements.observations[first_row];
-    if (is_distance(observation) != is_distance(other) ||
-        (is_distance(observation) && observation.position() != other.position())) {
-      refuse(measurements,
-             fmt::format("observation {}: its configuration has rows of several anchors, expected one", row));
-    }
+  if (is_distance(observation) != is_distance(first) ||
+      (is_distance(observation) && observation.position() != first.position())) {
+    refuse_several("anchors");
   }
 }
 
 }  // namespace
 
 void check(const Measurements& measurements) {
-  const std::size_t rows = measurements.observations.size();
   require_size(measurements, "configurations", measurements.configurations.size(),
                static_cast<std::size_t>(measurements.joint_values.cols()));
   require_size_if_any(measurements, "names of joints", measurements.joints.size(),
@@ -142,13 +127,14 @@ void check(const Measurements& measurements) {
       refuse(measurements, "target " + shown(target) + " is there twice, expected names that differ");
     }
   }
-  for (std::size_t row = 0; row < rows; ++row) {
+  std::vector<const Observation*> first(measurements.configurations.size(), nullptr);
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     require_sound(measurements, row);
+    const Observation& observation = measurements.observations[row];
+    const Observation*& first_row = first[static_cast<std::size_t>(observation.configuration)];
+    first_row = first_row == nullptr ? &observation : first_row;
+    require_one_place(measurements, row, *first_row);
   }
-  if (measurements.stations.size() > 1) {
-    require_one_station_each(measurements);
-  }
-  require_one_anchor_each(measurements);
 }
 
 }  // namespace kdl_calibration

@@ -225,9 +225,10 @@ private:
     const auto index = static_cast<std::size_t>(number);
     if (index == first_rows_.size()) return number;
     const Observation& first = observations_[first_rows_[index]];
+    if (!is_distance(observation) && !is_distance(first)) return number;
     const bool same_place = is_distance(observation) == is_distance(first) && observation.station == first.station &&
                             observation.position() == first.position();
-    if (same_place || !(is_distance(observation) || is_distance(first))) return number;
+    if (same_place) return number;
     std::string text(name_in(row.text(header_.configuration)));
     const auto station = static_cast<std::size_t>(observation.station);
     text += " from " + (stations_.size() > 0 ? stations_.labels()[station] : "W");

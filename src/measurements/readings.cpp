@@ -37,13 +37,6 @@ Matrix3d directions(const Coordinates& coordinates) {
   return coordinates.count == 1 ? along : Matrix3d(Matrix3d::Identity() - along);
 }
 
-int dimension(const Reading& reading) {
-  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
-    return some->count;
-  }
-  return std::holds_alternative<Distance>(reading) ? 1 : 3;
-}
-
 int dimension(const Measurements& measurements) {
   int sum = 0;
   for (const Observation& observation : measurements.observations) {

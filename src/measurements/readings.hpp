@@ -19,7 +19,12 @@ Eigen::Matrix3d directions(const Reading& reading, const Eigen::Vector3d& f);
 Eigen::Matrix3d directions(const Coordinates& coordinates);
 
 /// Number of measured coordinates of the position, the rank of P: 1, 2 or 3.
-int dimension(const Reading& reading);
+inline int dimension(const Reading& reading) {
+  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
+    return some->count;
+  }
+  return std::holds_alternative<Distance>(reading) ? 1 : 3;
+}
 /// Their sum over all rows.
 int dimension(const Measurements& measurements);
 

@@ -14,7 +14,7 @@ namespace kdl_calibration {
 StationRows rows_of_station(const Measurements& measurements, std::size_t station) {
   StationRows result{.measurements = measurements, .rows = {}};
   Measurements& own = result.measurements;
-  own.stations = {"W"};
+  own.stations = Measurements().stations;
   own.observations.clear();
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     if (station_of(measurements.observations[row]) != station) {
@@ -88,8 +88,12 @@ LooseRotations loose_rotations(const Measurements& station) {
   return has_single_coordinates(station) && !may_lie_there(result, station) ? LooseRotations() : result;
 }
 
+bool names_stations(const Measurements& measurements) {
+  return measurements.stations != Measurements().stations || has_single_coordinates(measurements);
+}
+
 bool has_loose_rotations(const Measurements& measurements) {
-  return measurements.stations.size() == 1 && (names_stations(measurements) || has_single_coordinates(measurements)) &&
+  return measurements.stations.size() == 1 && names_stations(measurements) &&
          loose_rotations(measurements).axes.cols() > 0;
 }
 

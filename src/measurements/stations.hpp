@@ -30,10 +30,9 @@ struct LooseRotations {
 };
 LooseRotations loose_rotations(const Measurements& station);
 
-/// Whether the station has a name of its own, or there are several.
-inline bool names_stations(const Measurements& measurements) {
-  return measurements.stations.size() != 1 || measurements.stations.front() != "W";
-}
+/// Whether the rows say where they were measured from: several stations, one with a name of its own, or rows that are
+/// no whole points.
+bool names_stations(const Measurements& measurements);
 
 /// True if the measurements have one station, named or of single coordinates, and its points leave a rotation open.
 bool has_loose_rotations(const Measurements& measurements);

@@ -43,7 +43,6 @@ using testing::refusal;
 Measurements in_three_rows(const Measurements& points, Random& random) {
   Measurements result = points;
   result.observations.clear();
-  result.stations = {"W"};
   for (const Observation& observation : points.observations) {
     Matrix3d R = Matrix3d::Identity();
     if (observation.target > 0) {
