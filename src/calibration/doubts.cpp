@@ -107,23 +107,7 @@ bool has_no_length(const Measurements& measurements) {
   return true;
 }
 
-// Whether all points are on a line, although neither the arm nor joints at rest keep them there, and no station is
-// named.
-bool lacks_the_station_of_a_plate(const CalibrationResult& found, const Measurements& measurements) {
-  constexpr std::size_t kJointsOfAnAxis = 3;  // with which an arm may move along a line
-  return !found.model.has_open_bases && found.model.joints.size() > kJointsOfAnAxis &&
-         found.fit.candidates.range(UnknownGroup::base).count == 6 && loose_rotations(measurements).axes.cols() > 0 &&
-         joints_at_rest(found, measurements).empty();
-}
-
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
-  if (lacks_the_station_of_a_plate(found, measurements)) {
-    return {
-        {.cause = Cause::not_determined,
-         .message =
-             "all points are on one line or in one place, which leaves a rotation of the base open; name the "
-             "place of the plate, other than W, in a column station, so that no prediction depends on that rotation"}};
-  }
   if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < 1.0) {
     return {{.cause = Cause::not_determined,
              .message =

@@ -14,7 +14,7 @@
 #include "base/parallel.hpp"
 #include "diagnosis/trial_fit.hpp"
 #include "estimation/input_check.hpp"
-#include "estimation/registration.hpp"
+#include "estimation/point_registration.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "robot/mimic.hpp"

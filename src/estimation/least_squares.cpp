@@ -152,7 +152,8 @@ struct LeastSquaresProblem::Data {
 std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of(const Measurements& measurements,
                                                                                  const ResidualOptions& options) const {
   std::vector<Part> result;
-  const bool in_parts = model.stations.size() > 1 || (model.has_open_bases && has_loose_rotations(measurements));
+  const bool in_parts =
+      model.stations.size() > 1 || (model.has_open_bases && loose_rotations(measurements).axes.cols() > 0);
   for (std::size_t station = 0; in_parts && station < model.stations.size(); ++station) {
     const StationRows own = rows_of_station(measurements, station);
     ResidualOptions residuals = options;

@@ -155,8 +155,7 @@ Measurements without_rows(const Measurements& measurements, const std::vector<st
 
 Measurements averaged(const Measurements& measurements) {
   check(measurements);
-  Measurements means = measurements;
-  means.observations.clear();
+  Measurements means = without_observations(measurements);
   const auto& observations = measurements.observations;
   const auto key = [&](std::size_t i) { return std::pair(observations[i].configuration, observations[i].target); };
   std::vector<std::size_t> order(observations.size());

@@ -73,6 +73,19 @@ bool has_order(const Measurements& measurements) {
                      [](const Observation& observation) { return observation.order.has_value(); });
 }
 
+Measurements without_observations(const Measurements& measurements) {
+  return {.source = measurements.source,
+          .joints = measurements.joints,
+          .joint_values = measurements.joint_values,
+          .configurations = measurements.configurations,
+          .targets = measurements.targets,
+          .stations = measurements.stations,
+          .observations = {},
+          .joint_units = measurements.joint_units,
+          .remark = measurements.remark,
+          .signals = measurements.signals};
+}
+
 Measurements whole_points(const Measurements& measurements) { return subset(measurements, is_whole); }
 
 Measurements without_orientations(Measurements measurements) {

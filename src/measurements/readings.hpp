@@ -45,6 +45,8 @@ bool has_orientations(const Measurements& measurements);
 /// Whether the order of driving is known.
 bool has_order(const Measurements& measurements);
 
+/// The same joints, configurations, targets and stations without rows.
+Measurements without_observations(const Measurements& measurements);
 /// The rows that are whole points, as measurements without single coordinates; none if there are no such rows.
 Measurements whole_points(const Measurements& measurements);
 /// The same rows with points instead of poses.

@@ -12,10 +12,9 @@
 namespace kdl_calibration {
 
 StationRows rows_of_station(const Measurements& measurements, std::size_t station) {
-  StationRows result{.measurements = measurements, .rows = {}};
+  StationRows result{.measurements = without_observations(measurements), .rows = {}};
   Measurements& own = result.measurements;
   own.stations = Measurements().stations;
-  own.observations.clear();
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     if (station_of(measurements.observations[row]) != station) {
       continue;
@@ -36,16 +35,6 @@ std::vector<std::int16_t> stations_of_configurations(const Measurements& measure
 }
 
 namespace {
-
-std::vector<Eigen::Vector3d> positions_of_whole_points(const Measurements& station) {
-  std::vector<Eigen::Vector3d> result;
-  for (const Observation& observation : station.observations) {
-    if (is_whole(observation)) {
-      result.push_back(observation.position());
-    }
-  }
-  return result;
-}
 
 constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points from the axis
 
@@ -69,19 +58,21 @@ bool may_lie_there(const LooseRotations& loose, const Measurements& station) {
 }  // namespace
 
 LooseRotations loose_rotations(const Measurements& station) {
-  const std::vector<Eigen::Vector3d> points = positions_of_whole_points(station);
-  if (points.empty() || has_orientations(station)) {
+  const auto& rows = station.observations;
+  const auto count = static_cast<double>(std::count_if(rows.begin(), rows.end(), is_whole));
+  if (count == 0.0 || has_orientations(station)) {
     return {};
   }
   LooseRotations result;
-  const auto count = static_cast<double>(points.size());
-  for (const Eigen::Vector3d& point : points) {
-    result.centre += point / count;
+  for (const Observation& row : rows) {
+    result.centre += is_whole(row) ? Eigen::Vector3d(row.position() / count) : Eigen::Vector3d::Zero();
   }
   Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();  // of the levers
-  for (const Eigen::Vector3d& point : points) {
-    const Eigen::Vector3d arm = point - result.centre;
-    squares += (arm.squaredNorm() * Eigen::Matrix3d::Identity() - arm * arm.transpose()) / count;
+  for (const Observation& row : rows) {
+    if (is_whole(row)) {
+      const Eigen::Vector3d arm = row.position() - result.centre;
+      squares += (arm.squaredNorm() * Eigen::Matrix3d::Identity() - arm * arm.transpose()) / count;
+    }
   }
   const auto [values, vectors] = spectrum(squares);
   result.axes = vectors.leftCols((values.array() < kShortest * kShortest).count());
@@ -92,8 +83,8 @@ bool names_stations(const Measurements& measurements) {
   return measurements.stations != Measurements().stations || has_single_coordinates(measurements);
 }
 
-bool has_loose_rotations(const Measurements& measurements) {
-  return measurements.stations.size() == 1 && names_stations(measurements) &&
+bool leave_bases_open(const Measurements& measurements) {
+  return measurements.stations.size() > 1 || has_single_coordinates(measurements) ||
          loose_rotations(measurements).axes.cols() > 0;
 }
 

@@ -34,8 +34,9 @@ LooseRotations loose_rotations(const Measurements& station);
 /// no whole points.
 bool names_stations(const Measurements& measurements);
 
-/// True if the measurements have one station, named or of single coordinates, and its points leave a rotation open.
-bool has_loose_rotations(const Measurements& measurements);
+/// Whether directions of a base may not follow from its rows alone: there are several stations, rows that are no whole
+/// points, or points that leave a rotation open.
+bool leave_bases_open(const Measurements& measurements);
 
 /// Throws InputError if a station of several has rows, but none of them is in `fitted`.
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted);

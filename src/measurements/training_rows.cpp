@@ -3,32 +3,19 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <numeric>
 
 #include "base/preconditions.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/measurements_check.hpp"
+#include "measurements/readings.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 bool is_training(const Observation& observation) { return observation.split == Split::train; }
-
-// Keeps the values of training rows; empty stays empty.
-template <class T>
-void keep_those_of_training(const std::vector<Observation>& rows, std::vector<T>& values) {
-  if (values.empty()) {
-    return;
-  }
-  std::size_t kept = 0;
-  for (std::size_t row = 0; row < rows.size(); ++row) {
-    if (is_training(rows[row])) {
-      values[kept++] = values[row];
-    }
-  }
-  values.erase(values.begin() + static_cast<std::ptrdiff_t>(kept), values.end());
-}
 
 }  // namespace
 
@@ -38,16 +25,22 @@ TrainingRows::TrainingRows(const Measurements& measurements) : all_(measurements
     return;
   }
   check(all_);
-  apart_ = all_;
-  keep_those_of_training(rows, apart_->observations);
+  apart_ = without_observations(all_);
+  std::copy_if(rows.begin(), rows.end(), std::back_inserter(apart_->observations), is_training);
 }
 
 std::vector<double> TrainingRows::values_of(std::vector<double> of_all) const {
-  if (!of_all.empty()) {
-    require_count("values of rows", of_all.size(), all_.observations.size());
+  if (of_all.empty()) {
+    return of_all;
   }
-  keep_those_of_training(all_.observations, of_all);
-  return of_all;
+  require_count("values of rows", of_all.size(), all_.observations.size());
+  std::vector<double> result;
+  for (std::size_t row = 0; row < of_all.size(); ++row) {
+    if (is_training(all_.observations[row])) {
+      result.push_back(of_all[row]);
+    }
+  }
+  return result;
 }
 
 std::vector<double> TrainingRows::among_all(std::vector<double> values, double other) const {

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 
 namespace kdl_calibration {
@@ -53,8 +52,7 @@ const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const 
 
 ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
   model.stations = measurements.stations;
-  model.has_open_bases =
-      measurements.stations.size() > 1 || has_single_coordinates(measurements) || has_loose_rotations(measurements);
+  model.has_open_bases = leave_bases_open(measurements);
   return model;
 }
 

@@ -1,4 +1,4 @@
-#include "estimation/registration.hpp"
+#include "estimation/point_registration.hpp"
 #include "robot/joint_ranges.hpp"
 
 #include <gmock/gmock.h>

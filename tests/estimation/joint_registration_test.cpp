@@ -1,4 +1,4 @@
-#include "estimation/station_registration.hpp"
+#include "estimation/registration.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,7 +12,7 @@
 #include "virtual_experiment.hpp"
 #include "whitened_systems.hpp"
 
-namespace kdl_calibration::station_registration_test {
+namespace kdl_calibration::joint_registration_test {
 namespace {
 
 using Eigen::Index;
@@ -294,4 +294,4 @@ TEST(StationLeastSquares, AnEstimateOfOneStationIsRefused) {
 }
 
 }  // namespace
-}  // namespace kdl_calibration::station_registration_test
+}  // namespace kdl_calibration::joint_registration_test
