@@ -265,6 +265,8 @@ std::vector<Asked> other_methods() {
       {"CalibratedArm::joints", [&] { return s.calibrated.joints(); }},
       {"CalibratedArm::targets", [&] { return s.calibrated.targets(); }},
       {"CalibratedArm::stations", [&] { return s.calibrated.stations().size(); }},
+      {"CalibratedArm::measured_ranges", [&] { return s.calibrated.measured_ranges().front().second; }},
+      {"CalibratedArm::undetermined_motion", [&] { return s.calibrated.undetermined_motion(s.q); }},
       {"CalibratedArm::base", [&] { return s.calibrated.base().matrix().sum(); }},
       {"CalibratedArm::flange_pose", [&] { return s.calibrated.flange_pose(s.q).matrix().sum(); }},
       {"CalibratedArm::predict", [&] { return s.calibrated.predict(s.q, "A").radius_95; }},

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/version.hpp"
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
@@ -59,6 +60,13 @@ public:
   /// covariance: of version 0.1, or with more than 300 parameters.
   PredictedPoint predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,
                          PredictionFrame frame = PredictionFrame::base, const std::string& station = {}) const;
+
+  /// The region of the measurements: least and largest value of each joint, and 5 % beyond [rad or m]. Empty if the
+  /// result does not state it (version 0.1).
+  const JointRanges& measured_ranges() const;
+  /// The largest motion [m] of a target at `q` by parameters that the measurements do not determine, if none of them
+  /// changes by more than 1 mm or 1 mrad. 0 if all are determined.
+  double undetermined_motion(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
   /// Names of the stations if there are several, single coordinates, or a plate; otherwise empty.
   std::vector<std::string> stations() const;

@@ -42,6 +42,8 @@ PositionErrors validate(const Calibration& calibration, const Measurements& meas
 /// Change of a parameter of the earlier calibration, in its gauge. SI units.
 struct ParameterChange {
   std::string name;
+  std::string joint;  ///< URDF joint whose origin includes it; empty for effects, and if no origin does
+  std::string unit;   ///< "m" or "rad"; empty for effects
   double before = 0.0;
   double change = 0.0;
   double std = 0.0;        ///< 1 sigma of the change

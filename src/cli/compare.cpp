@@ -17,10 +17,8 @@
 #include "cli/requirements.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
-#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/validation.hpp"
-#include "model/parameters.hpp"
 #include "results/result_blocks.hpp"
 #include "results/result_table.hpp"
 
@@ -37,23 +35,16 @@ struct CompareArguments {
   bool json = false;
 };
 
-bool is_geometric(const ParameterChange& parameter) { return parameter.name.find('.') == std::string::npos; }
+bool is_geometric(const ParameterChange& parameter) { return !parameter.unit.empty(); }
 
-// Of a geometric error.
-bool is_length(const ErrorModel& model, const ParameterChange& parameter) {
-  return kdl_calibration::is_length(model, model.parameters[parameter_index(model, parameter.name)]);
-}
-
-Json json(const Comparison& comparison, const ErrorModel& model) {
+Json json(const Comparison& comparison) {
   Json parameters = Json::array();
   for (const ParameterChange& parameter : comparison.parameters) {
     parameters.push_back({{"name", parameter.name},
                           {"before", parameter.before},
                           {"change", parameter.change},
                           {"std", parameter.std},
-                          {"unit", !is_geometric(parameter)      ? Json()
-                                   : is_length(model, parameter) ? "m"
-                                                                 : "rad"},
+                          {"unit", is_geometric(parameter) ? Json(parameter.unit) : Json()},
                           {"explained", parameter.explained}});
   }
   Json flange = statistics_json(comparison.flange);
@@ -76,7 +67,7 @@ std::string verdict(const Comparison& comparison) {
 }
 
 // The geometric errors whose change exceeds its sigma most.
-std::string changes(const Comparison& comparison, const ErrorModel& model) {
+std::string changes(const Comparison& comparison) {
   constexpr std::size_t kShown = 8;
   std::vector<ParameterChange> order;
   std::copy_if(comparison.parameters.begin(), comparison.parameters.end(), std::back_inserter(order), is_geometric);
@@ -85,10 +76,9 @@ std::string changes(const Comparison& comparison, const ErrorModel& model) {
   order.resize(std::min(order.size(), kShown));
   std::string text = "largest changes by their 1 sigma   before      change       sigma  explains alone\n";
   for (const ParameterChange& parameter : order) {
-    const ErrorParameter& error = model.parameters[parameter_index(model, parameter.name)];
-    const bool length = is_length(model, parameter);
+    const bool length = parameter.unit == "m";
     const double unit = length ? 1e3 : 1.0 / kDegree;
-    text += padded("  " + parameter.name + (error.joint.empty() ? "" : ", " + error.joint), 24) +
+    text += padded("  " + parameter.name + (parameter.joint.empty() ? "" : ", " + parameter.joint), 24) +
             (length ? " mm " : " deg");
     for (const double value : {parameter.before, parameter.change, parameter.std}) {
       text += fmt::format("{:>12}", fixed(value * unit, length ? 4 : 5));
@@ -98,13 +88,13 @@ std::string changes(const Comparison& comparison, const ErrorModel& model) {
   return text;
 }
 
-std::string table(const Comparison& comparison, const ErrorModel& model) {
+std::string table(const Comparison& comparison) {
   std::string text = fmt::format("{} (p = {:.2g}; chi-squared {:.1f} of {:.0f} directions)\n", verdict(comparison),
                                  comparison.p_value, comparison.chi_square, comparison.degrees_of_freedom);
   text += statistics_heading("change of the flange [mm]", "poses") +
           statistics_row("base and tool aligned", comparison.flange);
   text += fmt::format("of an unchanged robot: {:.3f} mm rms\n", comparison.flange_sigma * 1e3);
-  text += changes(comparison, model);
+  text += changes(comparison);
   if (!comparison.not_compared.empty()) {
     text +=
         wrapped("not compared, as only one of the results has them: " + comma_separated(comparison.not_compared), 0, 2);
@@ -119,8 +109,7 @@ ExitStatus run(const CompareArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const Calibration before = load_calibration(arguments.before, robot);
   const Comparison comparison = compare(before, load_calibration(arguments.after, robot));
-  const ErrorModel& model = before.parts().model;
-  const Json result = json(comparison, model);
+  const Json result = json(comparison);
   const std::vector<Judged> outcomes = outcomes_of(requirements, result);
   for (OutputFile& file : files) {
     file.text = page_of_result(
@@ -128,8 +117,7 @@ ExitStatus run(const CompareArguments& arguments) {
         with_files(result, arguments.robot, robot, {{"before", arguments.before}, {"after", arguments.after}}),
         {{"requirements", judged_json(outcomes)}});
   }
-  write_whole(files, arguments.force,
-              arguments.json ? json_text(result) : table(comparison, model) + outcome_lines(outcomes));
+  write_whole(files, arguments.force, arguments.json ? json_text(result) : table(comparison) + outcome_lines(outcomes));
   const std::vector<std::string> missed = unfulfilled(outcomes);
   std::for_each(missed.begin(), missed.end(), print_requirement);
   return missed.empty() ? done : not_to_be_trusted;

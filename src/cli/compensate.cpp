@@ -23,7 +23,6 @@
 #include "cli/report_pages.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
-#include "interface/calibration_parts.hpp"
 #include "interface/compensated_line.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -113,7 +112,7 @@ public:
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments)),
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
-        summary_(robot, calibration_, program_),
+        summary_(robot, calibration_.arm(), program_),
         warnings_(other_notes(arguments)) {
     if (!program_.states_joints()) {
       warnings_.push_back(

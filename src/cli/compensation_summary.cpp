@@ -3,13 +3,13 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/text.hpp"
-#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "results/report_page.hpp"
 #include "robot/mimic.hpp"
@@ -41,10 +41,9 @@ std::string off(double position, double orientation) {
 
 }  // namespace
 
-CompensationSummary::CompensationSummary(const Robot& robot, const Calibration& calibration, const ProgramFile& program)
+CompensationSummary::CompensationSummary(const Robot& robot, CalibratedArm arm, const ProgramFile& program)
     : robot_(robot),
-      basis_(calibration.parts()),
-      predictor_(basis_),
+      arm_(std::move(arm)),
       program_(program),
       changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
 
@@ -83,10 +82,10 @@ void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<cons
                           .position_error = point.position_error,
                           .orientation_error = point.orientation_error});
     }
-    if (!lies_in(basis_.region.joints, point.joint_values) && ++outside_ == 1) {
+    if (!lies_in(arm_.measured_ranges(), point.joint_values) && ++outside_ == 1) {
       first_outside_ = label(lines[i], points_);
     }
-    if (const double motion = predictor_.undetermined_motion(point.joint_values); motion > kUndetermined) {
+    if (const double motion = arm_.undetermined_motion(point.joint_values); motion > kUndetermined) {
       throw InputError(
           "configuration " + shown(label(lines[i], points_)) +
           ": the pose is not known, as 1 mm or 1 mrad of parameters that the measurements do not determine "

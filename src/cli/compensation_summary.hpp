@@ -7,9 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "calibration/point_predictor.hpp"
 #include "cli/frames.hpp"
-#include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "measurements/program_file.hpp"
@@ -19,7 +18,7 @@ namespace kdl_calibration::cli {
 /// What became of the points of a program. Keeps references. Its memory does not grow with their number.
 class CompensationSummary {
 public:
-  CompensationSummary(const Robot& robot, const Calibration& calibration, const ProgramFile& program);
+  CompensationSummary(const Robot& robot, CalibratedArm arm, const ProgramFile& program);
 
   /// The next rows, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
   /// pose depends on parameters that were not determined.
@@ -56,8 +55,7 @@ private:
   void add_sample(const Sample& sample);
 
   const Robot& robot_;
-  const PredictionBasis& basis_;
-  PointPredictor predictor_;
+  CalibratedArm arm_;
   const ProgramFile& program_;
   std::size_t points_ = 0;
   std::array<std::size_t, 5> count_{};  // of each status

@@ -134,6 +134,13 @@ PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q
   return result;
 }
 
+const JointRanges& CalibratedArm::measured_ranges() const { return parts_->basis->region.joints; }
+
+double CalibratedArm::undetermined_motion(const Eigen::Ref<const Eigen::VectorXd>& q) const {
+  require_joint_values(q, parts_->basis->model.joints);
+  return parts_->predictor.undetermined_motion(q);
+}
+
 Eigen::Isometry3d CalibratedArm::base(const std::string& station) const {
   const PredictionBasis& basis = *parts_->basis;
   return basis.estimate.frames.base(measuring_station(basis.model, station).value_or(0));

@@ -293,7 +293,12 @@ std::vector<ParameterChange> parameter_changes(const Differences& found, const S
   std::vector<ParameterChange> result;
   for (Index i = 0; i < J.cols(); ++i) {
     const Unknown& unknown = first.arm.columns()[static_cast<std::size_t>(i)];
+    const bool is_geometric = unknown.group == UnknownGroup::geometric;
     result.push_back({.name = unknown.name,
+                      .joint = is_geometric ? first.parts.model.parameters[unknown.index].joint : "",
+                      .unit = !is_geometric    ? ""
+                              : unknown.length ? "m"
+                                               : "rad",
                       .before = Unknowns::value(first.parts.estimate, unknown),
                       .change = changes(i, 0),
                       .std = changes.row(i).tail(found.F.cols()).norm()});

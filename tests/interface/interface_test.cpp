@@ -136,6 +136,8 @@ TEST(Interface, PredictsTheTrueRobotWithinTheRadius) {
   Eigen::VectorXd beyond = somewhere();
   beyond[1] = 3.0;
   EXPECT_TRUE(arm.predict(beyond, arm.targets().front()).outside);
+  EXPECT_GT(beyond[1], arm.measured_ranges().at(1).second);
+  EXPECT_EQ(arm.undetermined_motion(beyond), 0.0);
 }
 
 TEST(Interface, UncertaintyIsThatOfThePredictionsAskedForBeforeTheFit) {
@@ -407,6 +409,7 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"flange_pose, numbers", [&] { arm.flange_pose(nan, jacobian); }, "finite"},
       {"predict, target", [&] { arm.predict(somewhere(), "Z"); }, "target 'Z'"},
       {"predict, numbers", [&] { arm.predict(nan, "A"); }, "finite"},
+      {"undetermined_motion, numbers", [&] { arm.undetermined_motion(nan); }, "finite"},
       {"parameter", [&] { c.std("Tx99"); }, "'Tx99'"},
       {"another robot's URDF", [&] { calibrated_urdf(other, c); }, "was not made with"},
       {"another robot's export", [&] { kinematic_export(other, c, KinematicFormat::mdh); }, "was not made with"},
