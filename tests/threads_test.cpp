@@ -354,12 +354,12 @@ std::vector<Asked> functions_of_whole_jobs() {
   return {
       {"calibrate", [&] { return calibrate(s.model, s.data, {.threads = 2}).fit.identification.estimate; }},
       {"calibrated_urdf", [&] { return calibrated_urdf(s.robot, s.calibration); }},
-      {"result_json", [&] { return result_json(s.robot, s.data, s.options, s.calibration); }},
+      {"result_json", [&] { return result_json(s.robot, s.data, s.calibration); }},
       {"result_table", [&] { return result_table(s.data, s.calibration); }},
       {"residuals_csv", [&] { return residuals_csv(s.data, s.calibration); }},
       {"parse_calibration",
        [&] {
-         const std::string json = result_json(s.robot, s.data, s.options, s.calibration);
+         const std::string json = result_json(s.robot, s.data, s.calibration);
          return parse_calibration(json, s.robot, "the result").estimate;
        }},
       {"information", [&] { return information(s.experiment, s.data).sum(); }},

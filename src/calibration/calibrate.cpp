@@ -364,7 +364,8 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   }
 
   const NoiseBeforehand noise = noise_beforehand(*rows, options);
-  CalibrationResult result{.model = with_effects(robot.model, selection.terms), .selection = selection};
+  CalibrationResult result{
+      .settings = options, .model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);

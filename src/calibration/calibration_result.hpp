@@ -166,7 +166,8 @@ struct OffsetsAlone {
 };
 
 struct CalibrationResult {
-  ErrorModel model;  ///< with the selected effects
+  CalibrationSettings settings;  ///< that made it
+  ErrorModel model;              ///< with the selected effects
   DeterminedFit fit;
   ModelSelection selection;
   NoiseReport noise;

@@ -1,4 +1,3 @@
-#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "results/calibrated_urdf.hpp"
 
@@ -294,18 +293,17 @@ ExitStatus run(const CalibrateArguments& arguments) {
     earlier = load_calibration(arguments.prior_result, robot);
     options.priors.earlier = &*earlier;
   }
-  FittedCalibration fitted = [&] {
+  CalibrationResult calibration = [&] {
     Progress progress;
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
-    return *calibrate(robot, measurements, options).parts().fitted;
+    return fit(robot, measurements, options);
   }();
-  CalibrationResult& calibration = fitted.result;
   const Provenance provenance = filled_beside_result(arguments, robot, measurements, calibration, files);
-  const JudgedResult result =
-      judged_result(result_json(robot, measurements, fitted.settings, calibration, provenance), requirements);
+  const JudgedResult result = judged_result(result_json(robot, measurements, calibration, provenance), requirements);
   for (OutputFile& file : files) {
     if (shows_the_result(file)) {
-      file.text = file.option == "--result" ? result.text : page_of(result.text, robot, measurements, fitted.settings);
+      file.text =
+          file.option == "--result" ? result.text : page_of(result.text, robot, measurements, calibration.settings);
     }
   }
   const std::string plan = plan_to_add(calibration);

@@ -48,7 +48,7 @@ struct ArmKinematics {
 };
 
 ArmKinematics calibrated(const Robot& robot, const std::string& result, const Eigen::VectorXd& q) {
-  const SavedCalibration saved = read_result(result, robot);
+  const CalibrationParts saved = read_result(result, robot);
   const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
   const Eigen::VectorXd moved = effective_joint_values(saved.model, saved.estimate.effects, q);
   ArmKinematics arm{.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),

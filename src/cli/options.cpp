@@ -322,8 +322,8 @@ void warn_if_doubted(const std::string& file, Verdict verdict, const std::vector
   }
 }
 
-SavedCalibration read_result(const std::string& file, const Robot& robot) {
-  SavedCalibration saved = read_calibration(file, robot);
+CalibrationParts read_result(const std::string& file, const Robot& robot) {
+  CalibrationParts saved = read_calibration(file, robot);
   warn_if_doubted(file, saved.verdict, saved.doubts);
   return saved;
 }

@@ -107,6 +107,6 @@ void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments);
 /// Warns if a result that was read is not to be trusted.
 void warn_if_doubted(const std::string& file, Verdict verdict, const std::vector<Doubt>& doubts);
 /// Reads the file of --result; warns if the result is not to be trusted.
-SavedCalibration read_result(const std::string& file, const Robot& robot);
+CalibrationParts read_result(const std::string& file, const Robot& robot);
 
 }  // namespace kdl_calibration::cli

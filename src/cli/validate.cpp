@@ -16,6 +16,7 @@
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
 #include "diagnosis/alternative_readings.hpp"
+#include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/readings.hpp"
 #include "model/kinematics.hpp"
@@ -139,7 +140,7 @@ std::string table(const ValidateArguments& arguments, const Measurements& measur
 
 // The arm of a result or a truth, with effects, base and targets, and its file.
 struct ReadArm {
-  SavedCalibration arm;
+  CalibrationParts arm;
   Json json;
 };
 ReadArm read_arm(const std::string& file, const Robot& robot, const ErrorModel& nominal) {
@@ -173,7 +174,7 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
   }
   const Robot robot = load(arguments.robot);
   const ErrorModel nominal = complete_model(robot);
-  const SavedCalibration found = read_arm(arguments.result, robot, nominal).arm;
+  const CalibrationParts found = read_arm(arguments.result, robot, nominal).arm;
   const auto [drawn, truth_as_read] = read_arm(arguments.truth, robot, nominal);
   Random random(arguments.seed);
   const Eigen::MatrixXd joint_values = random_configurations(
@@ -202,11 +203,11 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
 }
 
 // The arm of the URDF or, with the full model, of a result.
-SavedCalibration arm_of(const Robot& robot, const std::string& result) {
+CalibrationParts arm_of(const Robot& robot, const std::string& result) {
   if (!result.empty()) {
     return read_calibration(result, robot);
   }
-  SavedCalibration nominal;
+  CalibrationParts nominal;
   nominal.model = complete_model(robot);
   nominal.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(nominal.model.parameters.size()));
   return nominal;
@@ -279,11 +280,11 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
-  const SavedCalibration arm = arm_of(robot, arguments.result);
+  const CalibrationParts arm = arm_of(robot, arguments.result);
   const Measurements measurements = read(arguments.measurements, robot);
   const ErrorModel model = at_stations_of(measurements, arm.model);
   const KnownFrames known = known_frames(arguments.measurements, measurements);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm, measurements.joint_values, measurements.signals);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm.model, arm.estimate, measurements);
   const Measurements to_register = rows_to_register(measurements);
   const RegisteredErrors errors = registered_errors(X_BF, measurements, to_register, known);
   const Registration& registration = errors.registration;

@@ -47,9 +47,9 @@ EarlierResult earlier_result(const Calibration& earlier, const Robot& robot) {
           .noise = parts.noise.model};
 }
 
-SavedCalibration summary_of(const CalibrationResult& result) {
+CalibrationParts summary_of(const CalibrationResult& result) {
   const Diagnosis& diagnosis = result.diagnosis;
-  SavedCalibration summary{{.model = result.model,
+  CalibrationParts summary{{.model = result.model,
                             .estimate = result.fit.identification.estimate,
                             .free = result.fit.free,
                             .covariance = result.uncertainty.covariance,
@@ -73,8 +73,6 @@ SavedCalibration summary_of(const CalibrationResult& result) {
 }  // namespace
 
 const char* version() { return KDL_CALIBRATION_VERSION; }
-
-std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
 
 std::string hash_of(const Measurements& measurements) {
   Sha256 hash;
@@ -146,32 +144,37 @@ void require_same_robot(const Robot& robot, const Calibration& calibration) {
   }
 }
 
-const FittedCalibration& fitted_calibration(const Robot& robot, const Measurements& measurements,
-                                            const Calibration& calibration) {
+const CalibrationResult& fit_of(const Robot& robot, const Measurements& measurements, const Calibration& calibration) {
   require_same_robot(robot, calibration);
-  if (!calibration.parts().fitted) {
+  const CalibrationParts& parts = calibration.parts();
+  if (!parts.fitted) {
     refuse_input("the calibration was read from a file", "one that calibrate has just made");
   }
-  const FittedCalibration& fitted = *calibration.parts().fitted;
-  if (hash_of(measurements) != fitted.measurements) {
+  if (hash_of(measurements) != parts.measurements) {
     refuse_input("these are other measurements than those of the calibration", "the same");
   }
-  return fitted;
+  return *parts.fitted;
 }
 
-Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
   require_as_parsed(robot);
   ErrorModel model = complete_model(robot);
   model.gravity = unit_vector(options.effects.gravity_direction);
-  FittedCalibration fitted{.measurements = hash_of(measurements), .settings = settings_of(options), .result = {}};
+  CalibrationSettings settings = settings_of(options);
   if (const Calibration* earlier = options.priors.earlier) {
-    fitted.settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));
+    settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));
     model.gravity = earlier->parts().model.gravity;
   }
-  fitted.result = calibrate(model, measurements, fitted.settings);
-  SavedCalibration summary = summary_of(fitted.result);
-  return Calibration(
-      std::make_shared<CalibrationParts>(CalibrationParts{std::move(summary), hash_of(robot), std::move(fitted)}));
+  return calibrate(model, measurements, settings);
+}
+
+Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
+  const auto fitted = std::make_shared<const CalibrationResult>(fit(robot, measurements, options));
+  CalibrationParts parts = summary_of(*fitted);
+  parts.robot = hash_of(robot);
+  parts.measurements = hash_of(measurements);
+  parts.fitted = fitted;
+  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
 }
 
 Calibration::Calibration(std::shared_ptr<const CalibrationParts> parts) : parts_(std::move(parts)) {

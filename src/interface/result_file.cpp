@@ -25,8 +25,7 @@ void write_file(const std::filesystem::path& file, const std::string& text, cons
 }
 
 std::string result_of(const Robot& robot, const Measurements& measurements, const Calibration& calibration) {
-  const FittedCalibration& fitted = fitted_calibration(robot, measurements, calibration);
-  return result_json(robot, measurements, fitted.settings, fitted.result);
+  return result_json(robot, measurements, fit_of(robot, measurements, calibration));
 }
 
 }  // namespace
@@ -39,14 +38,14 @@ void write_result(const std::filesystem::path& file, const Robot& robot, const M
 void write_report(const std::filesystem::path& file, const Robot& robot, const Measurements& measurements,
                   const Calibration& calibration) {
   const std::string result = result_of(robot, measurements, calibration);
-  const FittedCalibration& fitted = *calibration.parts().fitted;
+  const CalibrationSettings& settings = calibration.parts().fitted->settings;
   write_file(file,
              calibration_page({.result = result,
                                .source = "the result",
                                .robot = &robot,
                                .measurements = &measurements,
-                               .known = fitted.settings.parameters.known,
-                               .convention = fitted.settings.diagnosis.convention,
+                               .known = settings.parameters.known,
+                               .convention = settings.diagnosis.convention,
                                .plan_command = {}}),
              robot, measurements.source);
 }
@@ -57,8 +56,7 @@ void write_urdf(const std::filesystem::path& file, const Robot& robot, const Cal
 
 Calibration load_calibration(const std::filesystem::path& file, const Robot& robot) {
   require_as_parsed(robot);
-  return Calibration(
-      std::make_shared<CalibrationParts>(CalibrationParts{read_calibration(file, robot), hash_of(robot), {}}));
+  return Calibration(std::make_shared<CalibrationParts>(read_calibration(file, robot)));
 }
 
 }  // namespace kdl_calibration

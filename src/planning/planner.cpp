@@ -75,7 +75,7 @@ void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experim
 
 // The calibration's information about the experiment's columns, marginalised over others; zero for undetermined
 // columns.
-MatrixXd known_information(const Experiment& experiment, const SavedCalibration& calibrated) {
+MatrixXd known_information(const Experiment& experiment, const CalibrationParts& calibrated) {
   require_count("columns of a calibration's covariance", calibrated.covariance.cols(), calibrated.covariance.rows());
   std::vector<Eigen::Index> here;
   std::vector<Eigen::Index> there;

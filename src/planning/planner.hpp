@@ -28,7 +28,7 @@ struct PlanRequest {
   Priors priors;
   std::optional<Measurements> measured;  ///< existing measurements, which the plan extends
   /// An earlier calibration and its covariance: the plan uses its geometry and adds to its information.
-  std::optional<SavedCalibration> calibrated;
+  std::optional<CalibrationParts> calibrated;
   /// Effects to be identified: the terms found by `calibrated` with their covariance, else the terms that the
   /// candidates can tell apart, with a prior of usual size.
   std::vector<EffectGroup> effects;

@@ -378,7 +378,7 @@ void show_swings(double times, double& lower, double& upper) {
 
 }  // namespace
 
-Json effects_block(const SavedCalibration& saved, const Measurements& measurements) {
+Json effects_block(const CalibrationParts& saved, const Measurements& measurements) {
   Json curves = Json::array();
   const std::vector<EffectTerm>& terms = saved.model.effects;
   const JointRanges ranges = trained_ranges(measurements);

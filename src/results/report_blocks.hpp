@@ -33,7 +33,7 @@ Json distribution_json(std::vector<double> values);
 /// Effect of each group on each joint over its measured range, other joints at mid-range, with its 95 % band: [joint
 /// value, effect, half width of the band] [rad] or [m]. The effect is null where no fitted joint value is within a
 /// tenth of the range, and where a table is withheld.
-Json effects_block(const SavedCalibration& saved, const Measurements& measurements);
+Json effects_block(const CalibrationParts& saved, const Measurements& measurements);
 
 /// The strongest correlations of a covariance {"names", "matrix"}, or "lower_triangle" in older files, and the matrix
 /// of the parameters in them.

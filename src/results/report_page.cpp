@@ -154,7 +154,7 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     data["correlations"] = correlations_block(result["covariance"]);
   }
   if (page.robot != nullptr) {
-    const SavedCalibration saved = parse_calibration(page.result, *page.robot, page.source);
+    const CalibrationParts saved = parse_calibration(page.result, *page.robot, page.source);
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
       const Estimate before = nominal_start(saved.model, *page.measurements, {.known = page.known});

@@ -415,10 +415,11 @@ Json position_error_json(const Accuracy& accuracy) {
 
 }  // namespace
 
-std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationSettings& options,
-                        const CalibrationResult& calibration, const Provenance& provenance) {
+std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationResult& calibration,
+                        const Provenance& provenance) {
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
+  const CalibrationSettings& options = calibration.settings;
   const Identification& found = calibration.fit.identification;
   Json result = {{"software", {{"name", "kdl_calibration"}, {"version", KDL_CALIBRATION_VERSION}}},
                  {"input", input_json(robot, measurements, options)},

@@ -25,8 +25,8 @@ struct Provenance {
 };
 
 /// The result as JSON (see src/cli/README.md): SI units, full precision.
-std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationSettings& options,
-                        const CalibrationResult& calibration, const Provenance& provenance = {});
+std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationResult& calibration,
+                        const Provenance& provenance = {});
 
 /// Measured minus predicted point of every row in W, [m], as CSV.
 std::string residuals_csv(const Measurements& measurements, const CalibrationResult& calibration);

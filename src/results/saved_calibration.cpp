@@ -91,7 +91,7 @@ void require_sound(const Node& parameter, double error, bool is_angle) {
 }
 
 // Reads the errors and effects; gives the effects' degrees of freedom.
-std::vector<double> read_parameters(const Node& top, SavedCalibration& saved) {
+std::vector<double> read_parameters(const Node& top, CalibrationParts& saved) {
   saved.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
   std::set<std::string> names;
   for (const Node& node : elements(member(top, "parameters"))) {
@@ -138,7 +138,7 @@ void require_correlations(const Eigen::MatrixXd& covariance, const std::vector<N
 }
 
 // {"names": […], "matrix": [[…], …]}; null is an infinite variance. Files of version 0.1 hold the lower triangle.
-void read_covariance(const Node& block, SavedCalibration& saved) {
+void read_covariance(const Node& block, CalibrationParts& saved) {
   std::vector<std::string> names;
   for (const Node& node : elements(member(block, "names"))) {
     names.push_back(tree::name(node));
@@ -185,7 +185,7 @@ Doubt doubt_of(const Node& node) {
   return {.cause = *cause, .message = tree::name(member(node, "message"))};
 }
 
-void read_verdict(const Node& top, SavedCalibration& saved) {
+void read_verdict(const Node& top, CalibrationParts& saved) {
   const bool trusted = has(top, "trusted") && tree::truth(member(top, "trusted"));
   saved.verdict = trusted ? Verdict::trusted : Verdict::not_trusted;
   for (const Node& node : optional_elements(top, "doubts")) {
@@ -225,7 +225,7 @@ ParameterEstimate estimate_of(const Node& node) {
 }
 
 // The lines of the result, effects from their terms; none in a truth file.
-void read_estimates(const Node& top, const std::vector<double>& degrees_of_freedom, SavedCalibration& saved) {
+void read_estimates(const Node& top, const std::vector<double>& degrees_of_freedom, CalibrationParts& saved) {
   for (const Node& node : optional_elements(top, "parameters")) {
     if (has(node, "degrees_of_freedom")) {
       saved.parameters.push_back(estimate_of(node));
@@ -257,7 +257,7 @@ void read_estimates(const Node& top, const std::vector<double>& degrees_of_freed
 }
 
 // What the radius of a new point needs. Files before version 0.2 lack a part of it, large results the covariance.
-void read_prediction(const Node& top, SavedCalibration& saved) {
+void read_prediction(const Node& top, CalibrationParts& saved) {
   if (saved.covariance.size() == 0 || !has(top, "predicted_accuracy") ||
       !has(member(top, "predicted_accuracy"), "region")) {
     return;
@@ -377,7 +377,7 @@ Accuracy accuracy_of(const Node& top) {
 }
 
 // Of named stations; "base" is that of the first.
-void read_stations(const Node& top, SavedCalibration& saved) {
+void read_stations(const Node& top, CalibrationParts& saved) {
   if (!has(top, "stations")) {
     return;
   }
@@ -398,11 +398,14 @@ void read_stations(const Node& top, SavedCalibration& saved) {
 
 }  // namespace
 
-SavedCalibration parse_calibration(std::string_view json, const Robot& robot, const std::string& source) {
+std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
+
+CalibrationParts parse_calibration(std::string_view json, const Robot& robot, const std::string& source) {
   const tree::Json document = tree::parsed(json, source);
   const Node top{.json = document, .where = source};
   require_same_robot(top, robot);
-  SavedCalibration saved;
+  CalibrationParts saved;
+  saved.robot = hash_of(robot);
   saved.model = complete_model(robot);
   read_stations(top, saved);
   const std::vector<double> effects_freedom = read_parameters(top, saved);
@@ -423,13 +426,8 @@ SavedCalibration parse_calibration(std::string_view json, const Robot& robot, co
   return saved;
 }
 
-SavedCalibration read_calibration(const std::filesystem::path& result, const Robot& robot) {
+CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot) {
   return parse_calibration(read_text_file(result), robot, result.string());
-}
-
-std::vector<Eigen::Isometry3d> flange_poses(const SavedCalibration& saved, const Eigen::MatrixXd& joint_values,
-                                            const DriveSignals& signals) {
-  return flange_poses(saved.model, saved.estimate, joint_values, signals);
 }
 
 }  // namespace kdl_calibration

@@ -238,20 +238,19 @@ TEST(Doors, OfTheCalibrationRefuseWhatDoesNotFit) {
   unnamed.predict_at = {.names = {"a"}, .joint_values = MatrixXd::Zero(6, 4)};
   Estimate short_one = s.estimate;
   short_one.errors = s.few;
-  SavedCalibration saved{{.model = s.model, .estimate = short_one}};
   CalibrationResult calibration;
   calibration.model = s.model;
   calibration.fit.identification.estimate = short_one;
   EXPECT_CLOSED("3 joint values to predict at", calibrate(s.model, s.data, elsewhere));
   EXPECT_CLOSED("1 names of configurations to predict at", calibrate(s.model, s.data, unnamed));
   EXPECT_CLOSED("3 errors", calibrated_urdf(s.robot, s.model, s.few));
-  EXPECT_CLOSED("3 errors of an estimate", result_json(s.robot, s.data, {}, calibration));
+  EXPECT_CLOSED("3 errors of an estimate", result_json(s.robot, s.data, calibration));
   EXPECT_CLOSED("3 errors of an estimate", result_table(s.data, calibration));
   EXPECT_CLOSED("3 errors of an estimate", residuals_csv(s.data, calibration));
   EXPECT_CLOSED("1 coefficients of effects", effects_json(s.elastic, VectorXd::Zero(1)));
   EXPECT_CLOSED("3 errors of an estimate", reported_robot(s.robot, s.model, short_one));
   EXPECT_CLOSED("3 errors", reported_measurements({.model = s.model, .estimate = short_one, .measurements = s.data}));
-  EXPECT_CLOSED("3 errors", flange_poses(saved, MatrixXd::Zero(6, 1)));
+  EXPECT_CLOSED("3 errors", flange_poses(s.model, short_one, MatrixXd::Zero(6, 1)));
 }
 
 TEST(Doors, OfTheSimulationRefuseWhatDoesNotFit) {

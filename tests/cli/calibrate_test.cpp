@@ -41,7 +41,7 @@ std::string library_result(const std::filesystem::path& directory, const std::st
   const Robot& robot = arm();
   const Measurements measurements =
       parse_measurements(CommandLine::content(directory / file), joint_names(robot), nullptr, file);
-  return result_json(robot, measurements, options, calibrate(complete_model(robot), measurements, options));
+  return result_json(robot, measurements, calibrate(complete_model(robot), measurements, options));
 }
 
 /// The library does not know which files it was about.
@@ -391,7 +391,7 @@ const std::map<std::string, std::string>& input_files() {
       "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})"},
         {"asked.csv", "joint_3,configuration,joint_1,joint_2\n0.3,first,0.1,0.2\n0.4,second,-0.1,0\n"},
         {"old.json", "old"},
-        {"prior.json", result_json(arm(), points, plain, calibrate(complete_model(arm()), points, plain))},
+        {"prior.json", result_json(arm(), points, calibrate(complete_model(arm()), points, plain))},
         {"longer.urdf", longer},
         {"foot.urdf", with_foot(text)},
         {"hand.urdf", with_hand(text)}};
@@ -716,7 +716,7 @@ TEST_F(CalibrateResult, FkMovesAndTiltsTheJointsAsTheResultSays) {
              "--output", "m.csv", "--force"});
     ASSERT_EQ(run(calibrate({"--effects", effect, "--prior", "none", "--result", "r.json", "--force"})).status, 0);
     const Json fk = run_json({"fk", "--joints", "0.1,0.2,0.3,0.4,0.5,0.6", "--json", "--result", "r.json"});
-    const SavedCalibration saved = read_calibration(directory / "r.json", fanuc());
+    const CalibrationParts saved = read_calibration(directory / "r.json", fanuc());
     const Eigen::VectorXd q{{0.1, 0.2, 0.3, 0.4, 0.5, 0.6}};
     const Eigen::Vector3d expected =
         ArmKinematics(saved.model, saved.estimate.errors, saved.estimate.effects).flange_pose(q).translation();

@@ -182,7 +182,7 @@ void calibration(std::string_view bytes) {
     }
     m = parse_measurements(measurements_csv(m), m.joints);  // which refuses what is out of range
     const CalibrationResult found = calibrate(model, m, options);
-    check_numbers(nlohmann::json::parse(result_json(robot, m, options, found)), found.trusted());
+    check_numbers(nlohmann::json::parse(result_json(robot, m, found)), found.trusted());
     promise(result_table(m, found).find("nan") == std::string::npos || !found.trusted(), "no nan in the table");
     const std::string text = calibrated_urdf(robot, model, found.exported.estimate.errors);
     promise(text.find("nan") == std::string::npos && text.find("inf") == std::string::npos, "a finite URDF");

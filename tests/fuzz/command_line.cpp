@@ -39,7 +39,7 @@ void json_inputs(std::string_view bytes) {
     });
     let_input_errors_pass([&] { cli::require_same_nominal(json, "input.json", model); });
     let_input_errors_pass([&] {
-      const SavedCalibration saved = parse_calibration(bytes, robot, "input.json");
+      const CalibrationParts saved = parse_calibration(bytes, robot, "input.json");
       promise(saved.estimate.errors.allFinite(), "finite errors of the parameters");
       promise(static_cast<std::size_t>(saved.estimate.effects.size()) == saved.model.effects.size(),
               "one value a term");

@@ -189,7 +189,7 @@ double held_out(const Calibration& calibration, const Measurements& test) {
 }
 
 const ContinuedResult& continued(const Calibration& calibration) {
-  return *calibration.parts().fitted->result.selection.continued;
+  return *calibration.parts().fitted->selection.continued;
 }
 
 // The estimate is that of both campaigns at once, if nothing has changed: information adds up.

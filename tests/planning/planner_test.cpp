@@ -94,7 +94,7 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
                                     .diagnosis = {.try_readings = false}};
   const CalibrationResult found = calibrate(model, measured, options);
   PlanRequest request = request_with({EffectGroup::gravity});
-  request.calibrated = parse_calibration(result_json(robot, measured, options, found), robot);
+  request.calibrated = parse_calibration(result_json(robot, measured, found), robot);
   request.targets = request.calibrated->estimate.frames.targets;
   request.count = 5;
   const Plan plan = make_plan(request);
@@ -206,7 +206,7 @@ TEST(Planner, PriorsAndWhatWasMeasuredPromiseMore) {
 TEST(Planner, OnTopOfACalibrationKnowsWhatItSaysOfItsColumns) {
   PlanRequest request = small_request();
   const auto sigma = [&](double scale, bool open) {
-    SavedCalibration known;
+    CalibrationParts known;
     known.model = complete_model(request.robot);
     known.estimate = {.errors = testing::errors_of(known.model), .frames = {.targets = request.targets}, .effects = {}};
     known.free = Unknowns(known.model, request.targets, {"base.Tx", "dq2", "dq3", "Rx1", "Tx1", "Tz2", "A.x"});
@@ -272,7 +272,7 @@ TEST(Planner, RefusesWhatItCannotDo) {
   request.workspace = -1;
   EXPECT_THAT(refusal([&] { make_plan(request); }), HasSubstr("configurations of the workspace"));
   request.workspace = 60;
-  request.calibrated = SavedCalibration{};
+  request.calibrated = CalibrationParts{};
   request.monte_carlo = 1;
   EXPECT_THAT(refusal([&] { make_plan(request); }), HasSubstr("a calibration does not have them"));
 }

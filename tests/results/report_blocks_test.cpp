@@ -300,7 +300,7 @@ TEST(ReportBlocks, ShownRowsAreAllUpTo3000AndOfMoreTheLargestAreAmongThem) {
 struct Saved {
   testing::VirtualExperiment arm{{.model = complete_model(parse_robot(testing::kOddArm)), .random = Random(8)}};
   Measurements measured;
-  SavedCalibration saved;
+  CalibrationParts saved;
 
   Saved() {
     const MatrixXd q = arm.configurations(30);

@@ -49,8 +49,8 @@ Measured measured(int configurations, const std::vector<std::string>& targets = 
 
 std::string result_of(const Measured& measured, const Provenance& provenance = {}) {
   const CalibrationSettings options{.diagnosis = {.try_readings = false}};  // a page shows none
-  return result_json(measured.robot, measured.measurements, options,
-                     calibrate(measured.model, measured.measurements, options), provenance);
+  return result_json(measured.robot, measured.measurements, calibrate(measured.model, measured.measurements, options),
+                     provenance);
 }
 
 std::string page_of(const Measured& measured, const std::string& result, bool with_measurements = true,

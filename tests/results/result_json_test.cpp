@@ -56,7 +56,7 @@ struct Case {
   Json result;
 };
 
-Json rendered(const Case& c) { return Json::parse(result_json(c.robot, c.measurements, c.options, c.calibration)); }
+Json rendered(const Case& c) { return Json::parse(result_json(c.robot, c.measurements, c.calibration)); }
 
 /// A robot with errors of a millimetre and a milliradian, measured by a tracker a few metres away.
 struct Setup : testing::VirtualExperiment {
@@ -713,7 +713,7 @@ std::string everything() {
   const CalibrationSettings options;
   const CalibrationResult found = calibrate(model, read, options);
   text += csv + result_table(read, found) + calibrated_urdf(robot, model, found.exported.estimate.errors);
-  const std::string json = result_json(robot, read, options, found);
+  const std::string json = result_json(robot, read, found);
   text += json + Json::parse(json).dump();
   text += calibration_page({.result = json,
                             .source = "r.json",

@@ -60,7 +60,7 @@ struct Written {
     arm.truth.effects = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(arm.model.effects.size()), 4e-4);
     measured = experiment.measure(40, {.sigma = 3e-5});
     calibration = calibrate(model, measured, options);
-    json = result_json(robot, measured, options, calibration);
+    json = result_json(robot, measured, calibration);
   }
 };
 
@@ -93,7 +93,7 @@ const std::string kTaken = "nothing was refused";
 
 TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
   const Estimate& wrote = written().calibration.fit.identification.estimate;
-  const SavedCalibration read = parse_calibration(written().json, written().robot);
+  const CalibrationParts read = parse_calibration(written().json, written().robot);
   EXPECT_TRUE(read.estimate.errors == wrote.errors);
   ASSERT_EQ(read.model.effects.size(), written().calibration.model.effects.size());
   ASSERT_GT(read.model.effects.size(), 2U);
@@ -117,8 +117,8 @@ TEST(SavedCalibration, KeepsDoubtsAndWhatIsNotDetermined) {
   CalibrationResult doubted = written().calibration;
   doubted.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "it moves"}};
   doubted.uncertainty.covariance(3, 3) = std::numeric_limits<double>::infinity();
-  const SavedCalibration read =
-      parse_calibration(result_json(written().robot, written().measured, written().options, doubted), written().robot);
+  const CalibrationParts read =
+      parse_calibration(result_json(written().robot, written().measured, doubted), written().robot);
   EXPECT_EQ(read.verdict, Verdict::not_trusted);
   ASSERT_EQ(read.doubts.size(), 1U);
   EXPECT_EQ(read.doubts[0].cause, Cause::not_converged);
@@ -131,8 +131,8 @@ TEST(SavedCalibration, KeepsTheNoiseOfATracker) {
   CalibrationResult result = written().calibration;
   result.noise.independent.setZero();
   result.noise.tracker = TrackerNoise{1e-5, 2e-6, 3e-5, 4e-6};
-  const SavedCalibration read =
-      parse_calibration(result_json(written().robot, written().measured, written().options, result), written().robot);
+  const CalibrationParts read =
+      parse_calibration(result_json(written().robot, written().measured, result), written().robot);
   ASSERT_TRUE(read.noise.model.tracker);
   EXPECT_EQ(read.noise.model.tracker->range, 1e-5);
   EXPECT_EQ(read.noise.model.tracker->range_per_metre, 2e-6);
@@ -152,7 +152,7 @@ TEST(SavedCalibration, OfAnotherUrdfIsRefused) {
 }
 
 TEST(SavedCalibration, NeedsNothingButParameters) {
-  const SavedCalibration read =
+  const CalibrationParts read =
       parse_calibration(R"({"parameters": [{"name": "dq2", "error": 0.002}]})", written().robot);
   EXPECT_EQ(read.estimate.errors.sum(), 0.002);
   EXPECT_EQ(read.verdict, Verdict::not_trusted);
@@ -308,8 +308,8 @@ TEST(SavedCalibrationLongRun, OfNineHundredThousandRowsIsRead) {
   }
   many.calibration.fit.robust.weights.assign(900000, 0.12345678901234567);
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "kdl_calibration_saved_test.json";
-  std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.options, many.calibration);
-  const SavedCalibration read = read_calibration(file, many.robot);
+  std::ofstream(file, std::ios::binary) << result_json(many.robot, many.measured, many.calibration);
+  const CalibrationParts read = read_calibration(file, many.robot);
   std::filesystem::remove(file);
   EXPECT_TRUE(read.estimate.errors == many.calibration.fit.identification.estimate.errors);
 }
@@ -323,7 +323,7 @@ TEST(SavedCalibration, ReadsBaseTargetsAndGravityAsTheyStand) {
       "effects": {"gravity_direction": [0.6, 0.0, -0.8], "terms": []},
       "covariance": null, "trusted": true, "doubts": []})");
   const auto read = [&] { return parse_calibration(json.dump(), written().robot); };
-  const SavedCalibration saved = read();
+  const CalibrationParts saved = read();
   const Eigen::Vector3d turned = saved.estimate.frames.base().linear() * Eigen::Vector3d(1.0, 2.0, 3.0);
   EXPECT_LT((turned - Eigen::Vector3d(3.0, 1.0, 2.0)).norm(), 1e-12);  // x to y to z
   EXPECT_EQ(saved.estimate.frames.base().translation(), Eigen::Vector3d(1.0, 2.0, 3.0));

@@ -819,18 +819,17 @@ TEST(DriveEffects, AResultThatIsReadBackPredictsTheSame) {
     const CalibrationSettings options = named(arm == &with_play() ? EffectGroup::backlash : EffectGroup::torque);
     const CalibrationResult wrote = calibrate(arm->model, arm->measured, options);
     const Robot robot = testing::fanuc();
-    const SavedCalibration read = parse_calibration(result_json(robot, arm->measured, options, wrote), robot);
+    const CalibrationParts read = parse_calibration(result_json(robot, arm->measured, wrote), robot);
     ASSERT_EQ(read.model.effects.size(), wrote.model.effects.size());
-    const auto X_BF = flange_poses(read, arm->unseen.joint_values, arm->unseen.signals);
+    const auto X_BF = flange_poses(read.model, read.estimate, arm->unseen);
     const auto expected = flange_poses(wrote.model, wrote.fit.identification.estimate, arm->unseen);
     for (std::size_t c = 0; c < X_BF.size(); ++c) {
       EXPECT_LT((X_BF[c].matrix() - expected[c].matrix()).norm(), 1e-12);
     }
   }
-  const SavedCalibration read = parse_calibration(
-      result_json(testing::fanuc(), that_gives_way().measured, named(EffectGroup::torque), found_by_torques()),
-      testing::fanuc());
-  EXPECT_THAT(refusal([&] { flange_poses(read, that_gives_way().unseen.joint_values); }),
+  const CalibrationParts read =
+      parse_calibration(result_json(testing::fanuc(), that_gives_way().measured, found_by_torques()), testing::fanuc());
+  EXPECT_THAT(refusal([&] { flange_poses(read.model, read.estimate, that_gives_way().unseen.joint_values); }),
               HasSubstr("no measured torque of joint_1, expected one for the effect torque.1"));
 }
 
