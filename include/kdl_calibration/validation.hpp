@@ -1,10 +1,11 @@
 #pragma once
 
-// How well a geometry explains measurements: base and targets are registered, nothing else is fitted. And whether a
-// robot has changed between two calibrations.
+// How well a geometry explains measurements, and whether these are to be trusted: base and targets are registered,
+// nothing else is fitted. And whether a robot has changed between two calibrations.
 //
 //     const PositionErrors errors = validate(load_robot("calibrated.urdf"), measurements);
 //     std::cout << errors.all.rms << " m\n";
+//     for (const Doubt& doubt : errors.doubts) std::cerr << doubt.message << "\n";
 //     if (compare(before, after).has_changed()) std::cout << "measure this robot again\n";
 
 #include <optional>
@@ -13,6 +14,7 @@
 
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/version.hpp"
@@ -30,14 +32,26 @@ struct PositionErrors {
   Iso9283 iso_9283;       ///< over all rows
   Frames frames;          ///< of the measurements' stations and targets, in their order
   std::string ambiguity;  ///< why another base would fit about as well; empty if none would
+  /// The frames that were not known: "base and targets", "base", "targets", or empty.
+  std::string registered;
+  int coordinates = 0;  ///< of the distinct points to which they were registered
+  int unknowns = 0;     ///< of the registration; `coordinates` minus `unknowns` are the degrees of freedom
+  /// [m] RMS of the registered points, corrected for the unknowns: times sqrt(coordinates / degrees of freedom).
+  double rms_corrected = 0.0;
+  std::vector<std::string> warnings;
+  /// Why the figures are not to be trusted: another reading of the data fits much better, or geometric errors cannot
+  /// explain the misfit. Other readings are not tried for several stations and single coordinates.
+  std::vector<Doubt> doubts;
 };
 
-/// The robot as its URDF says. Throws InputError: measurements of another robot, fewer coordinates than base and
+/// The robot as its URDF says. `diagnosis` states the joint conventions that other readings of the data try. Throws
+/// InputError: measurements of another robot, known frames that were not measured, fewer coordinates than base and
 /// targets take.
-PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known = {});
-/// The calibrated arm, effects included.
-PositionErrors validate(const Calibration& calibration, const Measurements& measurements,
-                        const KnownFrames& known = {});
+PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known = {},
+                        const DiagnosisOptions& diagnosis = {});
+/// The calibrated arm, effects included. Also throws InputError without measured torques that an effect needs.
+PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known = {},
+                        const DiagnosisOptions& diagnosis = {});
 
 /// Change of a parameter of the earlier calibration, in its gauge. SI units.
 struct ParameterChange {

@@ -15,11 +15,9 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
-#include "diagnosis/alternative_readings.hpp"
-#include "estimation/prediction.hpp"
+#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "measurements/readings.hpp"
-#include "model/kinematics.hpp"
+#include "kdl_calibration/validation.hpp"
 #include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "planning/truth_comparison.hpp"
@@ -27,8 +25,6 @@
 #include "results/result_table.hpp"
 #include "results/saved_calibration.hpp"
 #include "robot/joint_ranges.hpp"
-#include "validation/registered_errors.hpp"
-#include "validation/validation.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -47,22 +43,9 @@ struct ValidateArguments {
   bool json = false;
 };
 
-constexpr int kPlenty = 4;  // coordinates per unknown
-
-// Whether the misfit exceeds 10 % of the arm's length: 3 degrees in every joint leave half of that.
-bool absurd(const ErrorModel& model, double misfit) {
-  constexpr double kShare = 0.1;
-  double reach = model.tip_origin.p.Norm();
-  for (const MovingJoint& joint : model.joints) {
-    reach += joint.origin.p.Norm();
-  }
-  return misfit > kShare * reach;
-}
-
-std::string json(const RegisteredErrors& errors, const Measurements& measurements) {
-  const Registration& registration = errors.registration;
+std::string json(const PositionErrors& errors, const Measurements& measurements) {
   Json targets = Json::array();
-  for (const TargetFrame& target : registration.frames.targets) {
+  for (const TargetFrame& target : errors.frames.targets) {
     targets.push_back(target_json(target));
   }
   const auto with_means = [](const ErrorStatistics& points, const std::optional<ErrorStatistics>& means) {
@@ -77,16 +60,16 @@ std::string json(const RegisteredErrors& errors, const Measurements& measurement
                    {"train", with_means(errors.train, errors.train_means)},
                    {"test", with_means(errors.test, errors.test_means)}}},
                  {"iso_9283",
-                  {{"accuracy", statistics_json(errors.iso.accuracy)},
-                   {"repeatability", statistics_json(errors.iso.repeatability)}}},
+                  {{"accuracy", statistics_json(errors.iso_9283.accuracy)},
+                   {"repeatability", statistics_json(errors.iso_9283.repeatability)}}},
                  {"registered_to", errors.train.count > 0 ? "train" : "test"},
-                 {"degrees_of_freedom", errors.freedom.left()},
-                 {"rms_corrected", registration.rms * errors.freedom.correction()},
-                 {"base", frame_json(registration.frames.base())},
+                 {"degrees_of_freedom", errors.coordinates - errors.unknowns},
+                 {"rms_corrected", errors.rms_corrected},
+                 {"base", frame_json(errors.frames.base())},
                  {"targets", targets}};
   for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
     result["stations"].push_back({{"name", measurements.stations[s]}});
-    result["stations"].back().update(frame_json(registration.frames.base(s)));
+    result["stations"].back().update(frame_json(errors.frames.base(s)));
   }
   return json_text(result);
 }
@@ -103,36 +86,27 @@ std::string point(const std::string& label, const Eigen::Vector3d& position) {
   return text + "\n";
 }
 
-// The frames that are registered because they are not known.
-std::string registered(const KnownFrames& known, const Frames& frames) {
-  const bool targets = known.targets.size() < frames.targets.size();
-  const bool base = known.bases.size() == frames.bases.size();
-  return base ? (targets ? "targets" : "") : targets ? "base and targets" : "base";
-}
-
 std::string table(const ValidateArguments& arguments, const Measurements& measurements, const Robot& robot,
-                  const RegisteredErrors& errors, const std::string& placed) {
-  const Registration& registration = errors.registration;
-  std::string text =
-      "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
-      (placed.empty() ? "base and targets as given"
-                      : placed + " registered to the " + (errors.train.count > 0 ? "train" : "test") + " rows") +
-      "\n" + statistics_heading("rows [mm]");
+                  const PositionErrors& errors) {
+  std::string text = "position error of " + (arguments.result.empty() ? robot.source : arguments.result) + ", " +
+                     (errors.registered.empty() ? "base and targets as given"
+                                                : errors.registered + " registered to the " +
+                                                      (errors.train.count > 0 ? "train" : "test") + " rows") +
+                     "\n" + statistics_heading("rows [mm]");
   for (const auto& [name, points, means] :
        {std::tuple{"all", &errors.all, &errors.all_means}, std::tuple{"train", &errors.train, &errors.train_means},
         std::tuple{"test", &errors.test, &errors.test_means}}) {
     text += line(name, *points) + (*means ? line(std::string(name) + ", means of repeats", **means) : "");
   }
-  if (errors.freedom.spent() > 0) {
-    text += fmt::format("{} took {} of {} coordinates: corrected rms {:.3f} mm\n", placed, errors.freedom.spent(),
-                        errors.freedom.coordinates, registration.rms * errors.freedom.correction() * 1e3);
+  if (errors.unknowns > 0) {
+    text += fmt::format("{} took {} of {} coordinates: corrected rms {:.3f} mm\n", errors.registered, errors.unknowns,
+                        errors.coordinates, errors.rms_corrected * 1e3);
   }
-  for (std::size_t s = 0; s < registration.frames.bases.size(); ++s) {
-    text +=
-        point(registration.frames.bases.size() == 1 ? "base, measured [mm]" : "base from " + measurements.stations[s],
-              registration.frames.base(s).translation());
+  for (std::size_t s = 0; s < errors.frames.bases.size(); ++s) {
+    text += point(errors.frames.bases.size() == 1 ? "base, measured [mm]" : "base from " + measurements.stations[s],
+                  errors.frames.base(s).translation());
   }
-  for (const TargetFrame& target : registration.frames.targets) {
+  for (const TargetFrame& target : errors.frames.targets) {
     text += point("target " + target.name, target.X_FT.translation());
   }
   return text;
@@ -204,62 +178,7 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
 
 // The arm of the URDF or, with the full model, of a result.
 CalibrationParts arm_of(const Robot& robot, const std::string& result) {
-  if (!result.empty()) {
-    return read_calibration(result, robot);
-  }
-  CalibrationParts nominal;
-  nominal.model = complete_model(robot);
-  nominal.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(nominal.model.parameters.size()));
-  return nominal;
-}
-
-// Doubts and warnings of a validation.
-struct Words {
-  std::vector<std::string> warnings;
-  std::vector<std::string> doubts;  // reasons not to trust the result
-};
-
-// Doubts: other readings of the measurements, and an implausibly large misfit.
-Words judged(const ValidateArguments& arguments, const ErrorModel& model, const Measurements& fitted,
-             const Estimate& estimate, const KnownFrames& known) {
-  const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention);
-  Words words;
-  if (model.has_open_bases) {
-    words.warnings.push_back(std::string("other readings of the data were not tried (") +
-                             (has_single_coordinates(fitted) ? "single coordinates)" : "several stations)"));
-    return words;
-  }
-  for (const AlternativeReading& reading :
-       alternative_readings_of_nominal(model, fitted, estimate,
-                                       {.registration = {.known = known},
-                                       .used = convention ? &*convention : nullptr,
-                                       .others = conventions_at_hand(arguments.measurements)})) {
-    if (reading.cause != Cause::joint_function) {  // normal for a robot that is not calibrated
-      (reading.doubt ? words.doubts : words.warnings).push_back(reading.message);
-    }
-  }
-  return words;
-}
-
-// Warnings about the registration of base and targets.
-std::vector<std::string> warnings_of(const Measurements& measurements, const Registration& registration,
-                                     const Freedom& freedom, const std::string& placed) {
-  std::vector<std::string> warnings;
-  if (!measurements.remark.empty()) {
-    warnings.push_back("measurements: " + measurements.remark);
-  }
-  if (has_only_test_rows(measurements) && !placed.empty()) {
-    warnings.push_back(measurements.source + ": no train rows, the test rows place " + placed);
-  }
-  if (registration.ambiguous) {
-    warnings.push_back("registration: " + registration.message);
-  }
-  if (freedom.spent() > 0 && freedom.coordinates < kPlenty * freedom.spent()) {
-    warnings.push_back(fmt::format("{} took {} of {} coordinates: corrected for that, the rms is {:.4f} mm", placed,
-                                   freedom.spent(), freedom.coordinates,
-                                   registration.rms * freedom.correction() * 1e3));
-  }
-  return warnings;
+  return result.empty() ? CalibrationParts{nominal_basis(robot)} : read_calibration(result, robot);
 }
 
 // Adds to the printed numbers their provenance, for the page.
@@ -280,29 +199,22 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
-  const CalibrationParts arm = arm_of(robot, arguments.result);
+  const auto arm = std::make_shared<const CalibrationParts>(arm_of(robot, arguments.result));
   const Measurements measurements = read(arguments.measurements, robot);
-  const ErrorModel model = at_stations_of(measurements, arm.model);
-  const KnownFrames known = known_frames(arguments.measurements, measurements);
-  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(arm.model, arm.estimate, measurements);
-  const Measurements to_register = rows_to_register(measurements);
-  const RegisteredErrors errors = registered_errors(X_BF, measurements, to_register, known);
-  const Registration& registration = errors.registration;
-  const Estimate estimate{
-      .errors = arm.estimate.errors, .frames = registration.frames, .effects = arm.estimate.effects};
-  const std::string result = json(errors, measurements);
-  Words words = judged(arguments, model, to_register, estimate, known);
-  if (words.doubts.empty() && absurd(model, registration.rms)) {
-    words.doubts.push_back(fmt::format(
-        "a misfit of {:.1f} mm is more than geometric errors explain; are units, signs and order of the joints right?",
-        registration.rms * 1e3));
+  const PositionErrors errors =
+      validate(Calibration(arm), measurements, known_frames(arguments.measurements, measurements),
+               {.convention = convention_of(arguments.measurements.joint_convention),
+                .other_conventions = conventions_at_hand(arguments.measurements)});
+  std::vector<std::string> doubts;
+  for (const Doubt& doubt : errors.doubts) {
+    doubts.push_back(doubt.message);
   }
-  const std::string placed = registered(known, registration.frames);
-  const std::vector<std::string> before = warnings_of(measurements, registration, errors.freedom, placed);
-  words.warnings.insert(words.warnings.begin(), before.begin(), before.end());
+  const std::string result = json(errors, measurements);
   const std::vector<Judged> outcomes = outcomes_of(requirements, json_of(result, "the result"));
   const std::vector<std::string> missed = unfulfilled(outcomes);
   for (OutputFile& file : files) {
+    const ErrorModel model = at_stations_of(measurements, arm->model);
+    const Estimate estimate{.errors = arm->estimate.errors, .frames = errors.frames, .effects = arm->estimate.effects};
     file.text =
         validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result")),
                          .robot = robot,
@@ -310,20 +222,19 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
                                       .estimate = estimate,
                                       .measurements = measurements,
                                       .convention = convention_of(arguments.measurements.joint_convention, robot)},
-                         .warnings = words.warnings,
+                         .warnings = errors.warnings,
                          .requirements = judged_json(outcomes),
-                         .doubts = words.doubts});
+                         .doubts = doubts});
   }
-  write_whole(
-      files, arguments.force,
-      arguments.json ? result : table(arguments, measurements, robot, errors, placed) + outcome_lines(outcomes));
-  for (const std::vector<std::string>& messages : {words.warnings, words.doubts}) {
+  write_whole(files, arguments.force,
+              arguments.json ? result : table(arguments, measurements, robot, errors) + outcome_lines(outcomes));
+  for (const std::vector<std::string>& messages : {errors.warnings, doubts}) {
     for (const std::string& message : messages) {
       warn(message);
     }
   }
   std::for_each(missed.begin(), missed.end(), print_requirement);
-  return missed.empty() && words.doubts.empty() ? done : not_to_be_trusted;
+  return missed.empty() && doubts.empty() ? done : not_to_be_trusted;
 }
 
 ExitStatus run(const ValidateArguments& arguments) {

@@ -144,6 +144,12 @@ void require_same_robot(const Robot& robot, const Calibration& calibration) {
   }
 }
 
+PredictionBasis nominal_basis(const Robot& robot) {
+  PredictionBasis basis{.model = complete_model(robot)};
+  basis.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(basis.model.parameters.size()));
+  return basis;
+}
+
 const CalibrationResult& fit_of(const Robot& robot, const Measurements& measurements, const Calibration& calibration) {
   require_same_robot(robot, calibration);
   const CalibrationParts& parts = calibration.parts();

@@ -22,6 +22,8 @@ std::string hash_of(const Measurements& measurements);
 void require_as_parsed(const Robot& robot);
 /// Throws InputError if the calibration is one of another robot.
 void require_same_robot(const Robot& robot, const Calibration& calibration);
+/// The arm as the URDF says.
+PredictionBasis nominal_basis(const Robot& robot);
 /// The fit that calibrate() summarises. Throws InputError as calibrate() does.
 CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options);
 /// The fit behind a calibration. Throws InputError if that was read from a file, or for another robot or other

@@ -192,10 +192,4 @@ TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& t
   return result;
 }
 
-PredictionBasis nominal_basis(const Robot& robot) {
-  PredictionBasis basis{.model = complete_model(robot)};
-  basis.estimate.errors = VectorXd::Zero(static_cast<Index>(basis.model.parameters.size()));
-  return basis;
-}
-
 }  // namespace kdl_calibration

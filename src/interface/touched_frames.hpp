@@ -6,7 +6,7 @@
 #include <Eigen/Geometry>
 #include <optional>
 
-#include "calibration/point_predictor.hpp"
+#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "model/kinematics.hpp"
 
@@ -46,7 +46,5 @@ struct TouchedFrames {
 /// The arm of a calibration, or the nominal one (see nominal_basis). The tool is the one found if it was touched.
 /// Throws InputError for fewer than 4 touches of a tool or 3 of a user frame, and for touches that do not determine it.
 TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& touches);
-
-PredictionBasis nominal_basis(const Robot& robot);
 
 }  // namespace kdl_calibration

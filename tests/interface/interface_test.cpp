@@ -185,6 +185,27 @@ TEST(Interface, ValidatesWithAndWithoutTheErrors) {
   EXPECT_NEAR(validate(corrected, experiment().measurements).all.rms, calibrated, 1e-6);
 }
 
+TEST(Interface, ValidationDoubtsDataThatAnotherReadingExplains) {
+  const PositionErrors right = validate(fanuc(), experiment().measurements);
+  EXPECT_TRUE(right.doubts.empty()) << right.doubts.front().message;
+  EXPECT_EQ(right.registered, "base and targets");
+  EXPECT_EQ(right.unknowns, 6 + 3 * static_cast<int>(right.frames.targets.size()));
+  EXPECT_GT(right.rms_corrected, right.train.rms);
+  Measurements mirrored = experiment().measurements;
+  for (Observation& row : mirrored.observations) {
+    row.position().y() *= -1.0;
+  }
+  const auto causes = [&](bool try_readings) {
+    std::vector<Cause> result;
+    for (const Doubt& doubt : validate(fanuc(), mirrored, {}, {.try_readings = try_readings}).doubts) {
+      result.push_back(doubt.cause);
+    }
+    return result;
+  };
+  EXPECT_THAT(causes(true), ::testing::Contains(Cause::mirrored));
+  EXPECT_THAT(causes(false), ::testing::Not(::testing::Contains(Cause::mirrored)));
+}
+
 TEST(Interface, PlansWithinTheLimitsThatAreAsked) {
   const MeasuringPlan plan = plan_measurements(fanuc(), {.count = 15, .least_height = 0.3});
   EXPECT_EQ(plan.joint_values.cols(), 15);
