@@ -6,9 +6,6 @@
 #include <vector>
 
 #include "cli/options.hpp"
-#include "estimation/least_squares.hpp"
-#include "estimation/registration.hpp"
-#include "estimation/unknowns.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
