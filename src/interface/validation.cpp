@@ -44,13 +44,14 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
 }
 
 // Adds the doubts and warnings by other readings of the registered rows.
-void try_readings(const ErrorModel& model, const Measurements& rows, const Estimate& estimate, const KnownFrames& known,
+void try_readings(ErrorModel model, const Measurements& rows, const Estimate& estimate, const KnownFrames& known,
                   const DiagnosisOptions& diagnosis, PositionErrors& errors) {
-  if (model.has_open_bases) {
+  if (rows.stations.size() > 1 || has_single_coordinates(rows)) {
     errors.warnings.push_back(std::string("other readings of the data were not tried (") +
                               (has_single_coordinates(rows) ? "single coordinates)" : "several stations)"));
     return;
   }
+  model.has_open_bases = false;  // a rotation that the points leave open stays as it was registered
   for (const AlternativeReading& reading :
        alternative_readings_of_nominal(model, rows, estimate,
                                        {.registration = {.known = known},
