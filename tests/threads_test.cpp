@@ -317,7 +317,7 @@ std::vector<Asked> functions_of_assessment() {
   return {
       {"identifiability", [&] { return identifiability(s.summary.sqrt_information, s.free.names()).condition; }},
       {"covariance", [&] { return covariance(s.summary, noise_from_residuals(s.summary, 30, 1.0), 1.0).sum(); }},
-      {"predicted_covariance", [&] { return predicted_covariance(s.predictor, s.C, s.q, 1).sum(); }},
+      {"PositionPredictor", [&] { return s.predictor.jacobians(s.q)[1].sum(); }},
       {"noise_from_repeats", [&] { return noise_from_repeats(s.data).total.sum(); }},
       {"estimate_noise", [&] { return estimate_noise(s.model, s.data, s.estimate, s.free, {}).variances.sum(); }},
       {"test_lack_of_fit", [&] { return test_lack_of_fit(s.model, s.data, s.estimate, s.free).has_value(); }},

@@ -53,8 +53,6 @@ double reduced_chi_squared_tail(double ratio, double freedom) { return chi_squar
 
 double t_critical_95(double degrees_of_freedom) { return std::sqrt(f_critical(0.05, 1.0, degrees_of_freedom)); }
 
-double norm_tail(double t, int axes) { return chi_squared_tail(t * t, axes); }
-
 double norm_critical(double tail, int axes) {
   return std::sqrt(math::quantile(math::complement(ChiSquared(axes), tail)));
 }

@@ -19,8 +19,7 @@ double reduced_chi_squared_tail(double ratio, double freedom);
 /// Two-sided 95 % quantile of Student's t.
 double t_critical_95(double degrees_of_freedom);
 
-/// Probability that the norm of `axes` standard normal values exceeds t, and the norm exceeded with probability `tail`.
-double norm_tail(double t, int axes);
+/// The norm of `axes` standard normal values that is exceeded with probability `tail`.
 double norm_critical(double tail, int axes);
 
 }  // namespace kdl_calibration

@@ -306,13 +306,4 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
   return trials;
 }
 
-std::optional<ConventionTrial> better_convention(const std::vector<ConventionTrial>& trials, double factor) {
-  const auto present =
-      std::find_if(trials.begin(), trials.end(), [](const ConventionTrial& trial) { return trial.present; });
-  if (present == trials.end() || trials.front().present || !(trials.front().rms < factor * present->rms)) {
-    return std::nullopt;
-  }
-  return trials.front();
-}
-
 }  // namespace kdl_calibration

@@ -46,7 +46,4 @@ struct ConventionOptions {
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
                                              const Unknowns& free, const ConventionOptions& options = {});
 
-/// The best trial if its RMS is below `factor` times that of the present reading.
-std::optional<ConventionTrial> better_convention(const std::vector<ConventionTrial>& trials, double factor = 0.2);
-
 }  // namespace kdl_calibration

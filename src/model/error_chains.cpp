@@ -83,20 +83,4 @@ KDL::Chain folded_chain(const ErrorModel& model, const Eigen::VectorXd& errors) 
   return chain;
 }
 
-ParameterChain parameter_chain(const ErrorModel& model) {
-  ParameterChain result;
-  result.joint_index.resize(model.joints.size());
-  result.parameter_index.resize(model.parameters.size());
-  for (const ChainFactor& factor : chain_factors(model)) {
-    if (factor.source == ChainFactor::Source::fixed) {
-      result.chain.addSegment(KDL::Segment(factor.name, KDL::Joint(KDL::Joint::Fixed), factor.frame));
-      continue;
-    }
-    auto& indices = factor.source == ChainFactor::Source::joint ? result.joint_index : result.parameter_index;
-    indices[factor.index] = result.chain.getNrOfJoints();
-    result.chain.addSegment(KDL::Segment(factor.name, factor.motion));
-  }
-  return result;
-}
-
 }  // namespace kdl_calibration

@@ -34,12 +34,4 @@ std::vector<ChainFactor> chain_factors(const ErrorModel& model);
 /// The chain with as few segments as moving joints (and one for the tip): nominal offsets and errors multiplied out.
 KDL::Chain folded_chain(const ErrorModel& model, const Eigen::VectorXd& errors);
 
-/// The chain in which every error parameter is a joint, for KDL's own Jacobian solver.
-struct ParameterChain {
-  KDL::Chain chain;
-  std::vector<unsigned> joint_index;      ///< position of the robot's joint i among the chain's joints
-  std::vector<unsigned> parameter_index;  ///< position of parameter p among the chain's joints
-};
-ParameterChain parameter_chain(const ErrorModel& model);
-
 }  // namespace kdl_calibration

@@ -71,11 +71,8 @@ public:
 
   /// Whether the independent part is stated.
   bool stated() const { return stated_; }
-  bool several_targets() const { return several_targets_; }
   /// Degrees of freedom of the repeats per axis; 0 without repeats.
   double repeat_freedom() const { return repeat_freedom_; }
-  /// Whether repeats contain several targets, so that common and independent parts are separable.
-  bool separates_common() const { return several_in_a_repeat_; }
   /// Stated variance [m^2] of a point along the axes of W, mean over the rows.
   Eigen::Vector3d mean_known() const;
   /// Selection matrix with one column for each unknown variance. Parts that share a variance share a column.
@@ -100,7 +97,7 @@ private:
   double known_rows_ = 0.0;
   double repeat_freedom_ = 0.0;
   bool several_targets_ = false;
-  bool several_in_a_repeat_ = false;
+  bool several_in_a_repeat_ = false;  // so that common and independent parts are separable
 };
 
 /// At most 2,000 configurations, evenly spaced.

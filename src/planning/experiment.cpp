@@ -76,11 +76,6 @@ Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetF
 
 Index columns(const Experiment& experiment) { return experiment.free.size(); }
 
-MatrixXd point_jacobian(const Experiment& experiment, const Eigen::Ref<const VectorXd>& q) {
-  const PointRows rows(experiment);
-  return rows.rows(rows.points(), q);
-}
-
 MatrixXd prior_information(const Experiment& experiment) {
   return experiment.free.prior_information(experiment.priors).asDiagonal();
 }

@@ -45,10 +45,6 @@ Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetF
 /// Number of free parameters: p.
 Eigen::Index columns(const Experiment& experiment);
 
-/// Motion of the targets' points per unit of each free parameter at joint values `q`: 3 · targets x p, in the flange
-/// frame.
-Eigen::MatrixXd point_jacobian(const Experiment& experiment, const Eigen::Ref<const Eigen::VectorXd>& q);
-
 /// Fisher information (p x p) of the priors alone, of all targets in each of these configurations (joints x N), and of
 /// the training rows of a file, with the sigma that it states. Targets are matched by name; the tracker's position is
 /// found by registration.

@@ -117,13 +117,6 @@ Matrix6Xd cross_product_jacobian(const FoldedChain& chain, const Eigen::VectorXd
 
 }  // namespace
 
-Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                                  const std::vector<std::size_t>& which, const Eigen::VectorXd& q,
-                                                  const Eigen::Vector3d& target) {
-  const std::vector<ChainFactor> factors = chain_factors(model);
-  return point_columns(factors, matrix_product(factors, errors, q), which, target);
-}
-
 ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
                                            const Eigen::VectorXd& q) {
   require_count("joint values", q.size(), model.joints.size());

@@ -26,13 +26,6 @@ MatrixProduct matrix_product(const std::vector<ChainFactor>& factors, const Eige
 Matrix3Xd point_columns(const std::vector<ChainFactor>& factors, const MatrixProduct& product,
                         const std::vector<std::size_t>& which, const Eigen::Vector3d& point);
 
-/// The identification Jacobian by the published route: for every parameter the product of 4x4 matrices in which that
-/// parameter's own factor is replaced by its derivative. 3 x which, [m] per unit, of the point X_BF(q) t in the base
-/// frame.
-Matrix3Xd position_jacobian_by_matrix_derivatives(const ErrorModel& model, const Eigen::VectorXd& errors,
-                                                  const std::vector<std::size_t>& which, const Eigen::VectorXd& q,
-                                                  const Eigen::Vector3d& target);
-
 /// The manipulator Jacobian (6 x joints, twist of the tip in the base frame, linear first) by three routes.
 struct ManipulatorJacobians {
   Matrix6Xd kdl;                ///< KDL::ChainJntToJacSolver

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <optional>
 
 #include "base/decompositions.hpp"
@@ -17,9 +16,7 @@
 namespace kdl_calibration {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 MatrixXd covariance(const MatrixXd& whitened_jacobian, double factor) {
@@ -87,53 +84,6 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
   const Index rank = (system.values.array() > kSingular * system.values[0]).count();
   scale = scale.unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
   return scale.asDiagonal() * system.V.rightCols(columns - rank);
-}
-
-// For x = C^(1/2) z with z = rho v, P(|x| < r) is the mean over the directions v of P(rho < r / |C^(1/2) v|).
-double radius_of_probability(const Matrix3d& covariance, double probability) {
-  const Vector3d variances = eigenvalues(covariance).cwiseMax(0.0);
-  constexpr int kSteps = 40;  // midpoint rule over an octant
-  std::vector<double> lengths;
-  for (int i = 0; i < kSteps; ++i) {
-    const double z = (i + 0.5) / kSteps;
-    for (int j = 0; j < kSteps; ++j) {
-      const double angle = (j + 0.5) / kSteps * std::numbers::pi / 2.0;
-      const Vector3d v2((1.0 - z * z) * std::pow(std::cos(angle), 2), (1.0 - z * z) * std::pow(std::sin(angle), 2),
-                        z * z);
-      lengths.push_back(std::sqrt(v2.dot(variances)));
-    }
-  }
-  double below = 0.0;
-  double above = 40.0 * std::sqrt(variances.maxCoeff());
-  double r = 2.0 * std::sqrt(variances.sum());
-  for (int step = 0; step < 60 && above - below > 1e-15 * above; ++step) {
-    double inside = 0.0;
-    double density = 0.0;  // derivative of the probability by r
-    for (const double length : lengths) {
-      const double t = length > 0.0 ? std::min(r / length, 40.0) : 40.0;
-      const double bell = std::sqrt(2.0 / std::numbers::pi) * t * std::exp(-0.5 * t * t);
-      inside += std::erf(t / std::numbers::sqrt2) - bell;
-      density += length > 0.0 ? t * bell / length : 0.0;
-    }
-    const double missing = probability * static_cast<double>(lengths.size()) - inside;
-    (missing > 0.0 ? below : above) = r;
-    const double next = r + missing / density;
-    if (std::abs(next - r) <= 1e-12 * r) {
-      return next;
-    }
-    r = next > below && next < above ? next : 0.5 * (below + above);
-  }
-  return r;
-}
-
-Matrix3d predicted_covariance(const PositionPredictor& predictor, const MatrixXd& column_covariance, const VectorXd& q,
-                              std::size_t target) {
-  const std::vector<Matrix3Xd> jacobians = predictor.jacobians(q);
-  require_index("the target", target, jacobians.size());
-  const Matrix3Xd& jacobian = jacobians[target];
-  require_count("columns of a covariance", column_covariance.cols(), jacobian.cols());
-  require_count("rows of a covariance", column_covariance.rows(), jacobian.cols());
-  return jacobian * column_covariance * jacobian.transpose();
 }
 
 MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, double unit_weight) {

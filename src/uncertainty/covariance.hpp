@@ -16,17 +16,9 @@ Eigen::MatrixXd covariance(const Eigen::MatrixXd& whitened_jacobian, double fact
 /// The product outer · middle · outer. Columns with infinite variance in `outer` keep it and do not enter the others.
 Eigen::MatrixXd sandwich(const Eigen::MatrixXd& outer, const Eigen::MatrixXd& middle);
 
-/// Covariance of the predicted position in W of a target at joint values q: J C J^T, [m^2]. Independent of the gauge:
-/// fixed parameters and tied directions do not enter.
-Eigen::Matrix3d predicted_covariance(const PositionPredictor& predictor, const Eigen::MatrixXd& column_covariance,
-                                     const Eigen::VectorXd& q, std::size_t target);
-
 /// Directions of the columns that the measurements do not determine: columns x k. A prediction is determined where its
 /// Jacobian has no part along them.
 Eigen::MatrixXd undetermined_directions(const Eigen::MatrixXd& whitened_jacobian);
-
-/// Radius [m] of the sphere about the mean that holds a normal error with this covariance with this probability.
-double radius_of_probability(const Eigen::Matrix3d& covariance, double probability = 0.95);
 
 /// Covariance of the columns for an equal-weight fit whose errors are correlated within each configuration:
 ///   A^-1 (sum J_c^T S_c J_c + priors) A^-1,  A = sum J_c^T J_c + priors,  S_c = independent^2 I + common^2 (ones ⊗ I).

@@ -262,30 +262,6 @@ Measurements without(Measurements training, const std::vector<Eigen::Index>& lef
   return training;
 }
 
-// Fits training rows without each fold in turn and predicts it.
-template <class Fit>
-HoldOut hold_out(const ErrorModel& model, const Measurements& training,
-                 const std::vector<std::vector<Eigen::Index>>& folds, int threads, Fit fit_fold) {
-  struct FoldPart {
-    std::vector<double> distances;
-    bool converged = true;
-  };
-  std::vector<FoldPart> parts(folds.size());
-  parallel_for(folds.size(), threads, [&](std::size_t f) {
-    const Measurements fold = without(training, folds[f]);
-    const Identification found = fit_fold(fold);
-    parts[f].converged = found.termination == Termination::converged;
-    parts[f].distances = position_errors(model, found.estimate, averaged(fold), Rows::test);
-  });
-  HoldOut result;
-  for (const FoldPart& part : parts) {
-    result.distances.insert(result.distances.end(), part.distances.begin(), part.distances.end());
-    result.not_converged += part.converged ? 0 : 1;
-    ++result.refits;
-  }
-  return result;
-}
-
 }  // namespace
 
 RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::Index>& fold) {
@@ -333,32 +309,24 @@ HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<
   check(problem.measurements, problem.model);
   check(folds, problem.measurements);
   const TrainingProblem training(problem);
-  return hold_out(problem.model, *training.rows(), folds, threads,
-                  [&](const Measurements& fold) { return fit(with_measurements(*training, fold)); });
-}
-
-HoldOut leave_one_configuration_out(const FitProblem& problem, int threads) {
-  return cross_validate(problem, make_folds(problem.measurements, 0), threads);
-}
-
-HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
-                               const std::vector<std::vector<Eigen::Index>>& folds, const RegistrationOptions& options,
-                               int threads) {
-  check(measurements, model);
-  check(folds, measurements);
-  const TrainingRows training(measurements);
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size()));
-  return hold_out(model, *training, folds, threads, [&](const Measurements& fold) {
-    Identification found;
-    found.termination = Termination::converged;
-    found.estimate = registered(model, zero, fold, options);
-    return found;
+  struct FoldPart {
+    std::vector<double> distances;
+    bool converged = true;
+  };
+  std::vector<FoldPart> parts(folds.size());
+  parallel_for(folds.size(), threads, [&](std::size_t f) {
+    const Measurements fold = without(*training.rows(), folds[f]);
+    const Identification found = fit(with_measurements(*training, fold));
+    parts[f].converged = found.termination == Termination::converged;
+    parts[f].distances = position_errors(problem.model, found.estimate, averaged(fold), Rows::test);
   });
-}
-
-HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
-                                            const RegistrationOptions& options) {
-  return cross_validate_nominal(model, measurements, make_folds(measurements, 0), options);
+  HoldOut result;
+  for (const FoldPart& part : parts) {
+    result.distances.insert(result.distances.end(), part.distances.begin(), part.distances.end());
+    result.not_converged += part.converged ? 0 : 1;
+    ++result.refits;
+  }
+  return result;
 }
 
 namespace {

@@ -64,14 +64,6 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
 /// Exact refits from the start without each fold in turn, on `threads` threads (0: all). The result does not depend on
 /// it.
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads = 0);
-HoldOut leave_one_configuration_out(const FitProblem& problem, int threads = 0);
-/// The same for the nominal geometry: only base and targets are registered again.
-HoldOut cross_validate_nominal(const ErrorModel& model, const Measurements& measurements,
-                               const std::vector<std::vector<Eigen::Index>>& folds,
-                               const RegistrationOptions& options = {}, int threads = 0);
-HoldOut leave_one_configuration_out_nominal(const ErrorModel& model, const Measurements& measurements,
-                                            const RegistrationOptions& options = {});
-
 /// Largest difference between our flange pose and that of KDL::ChainFkSolverPos_recursive on the chain with error
 /// segments, over the columns of `joint_values`, or 1,000 of them evenly spaced where there are more [m, or elements of
 /// the rotation matrix].

@@ -79,8 +79,8 @@ TEST(RobustStatistics, TailsAreTheIntegralsOfTheirDensities) {
       one += normal;
       three += x * x * normal;
     }
-    EXPECT_NEAR(norm_tail(t, 1), one, 1e-7) << t;
-    EXPECT_NEAR(norm_tail(t, 3), three, 1e-7) << t;
+    EXPECT_NEAR(reduced_chi_squared_tail(t * t, 1.0), one, 1e-7) << t;
+    EXPECT_NEAR(reduced_chi_squared_tail(t * t / 3.0, 3.0), three, 1e-7) << t;
   }
 }
 
@@ -88,7 +88,8 @@ TEST(RobustStatistics, AThresholdIsExceededOnceInSoManyComparisons) {
   for (const Index axes : {1, 3}) {
     for (const double comparisons : {1.0, 40.0, 1000.0}) {
       const double limit = threshold(1e-3, comparisons, axes, 1e12);
-      EXPECT_NEAR(comparisons * norm_tail(limit, static_cast<int>(axes)) / 1e-3, 1.0, 1e-4)
+      const auto freedom = static_cast<double>(axes);
+      EXPECT_NEAR(comparisons * reduced_chi_squared_tail(limit * limit / freedom, freedom) / 1e-3, 1.0, 1e-4)
           << axes << ", " << comparisons;
     }
   }

@@ -5,6 +5,7 @@
 #include "experiment.hpp"
 #include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
+#include "parameter_chain.hpp"
 
 namespace kdl_calibration::benchmarks {
 namespace {
@@ -64,7 +65,7 @@ Outcome fit_with_plain_eigen(const Experiment& experiment, const Measurements& m
 }
 
 Outcome fit_with_kdl(const Experiment& experiment, const Measurements& measured, int max_iterations) {
-  const ParameterChain parameters = parameter_chain(experiment.model);
+  const testing::ParameterChain parameters = testing::parameter_chain(experiment.model);
   KDL::ChainJntToJacSolver jacobian_solver(parameters.chain);
   KDL::ChainFkSolverPos_recursive pose_solver(parameters.chain);
   KDL::JntArray joints(parameters.chain.getNrOfJoints());

@@ -256,8 +256,8 @@ TEST(Calibration, PredictsTheAccuracyOfTheWorkspaceCubeByCube) {
       centre.push_back(0.5 * std::floor(X_BF.p[axis] / 0.5) + 0.25);
     }
     for (std::size_t t = 0; t < 3; ++t) {
-      const Eigen::Matrix3d P = predicted_covariance(predictor, found.uncertainty.covariance, q, t);
-      sigmas_of_cube[centre].push_back(std::sqrt(P.trace()));
+      const Matrix3Xd J = predictor.jacobians(q)[t];
+      sigmas_of_cube[centre].push_back(std::sqrt((J * found.uncertainty.covariance * J.transpose()).trace()));
     }
   }
   EXPECT_EQ(found.uncertainty.predicted.workspace.count, 3000);

@@ -236,7 +236,7 @@ struct Noisy : testing::VirtualExperiment {
   // Of left-out configurations by refits: weighed by the parts over weighed alike.
   double harm() const {
     const auto rms = [&](const NoiseModel& noise) {
-      return error_statistics(leave_one_configuration_out(problem(noise), 1).distances).rms;
+      return error_statistics(cross_validate(problem(noise), make_folds(measured, 0), 1).distances).rms;
     };
     return rms(parts().model({})) / rms({});
   }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/name_pattern.hpp"
+#include "better_reading.hpp"
 #include "mistake_table.hpp"
 #include "refusal.hpp"
 #include "robot/mimic.hpp"
@@ -21,6 +22,7 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::better_convention;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using testing::kDegree;
@@ -175,26 +177,6 @@ TEST(ConventionTrial, FollowersAndSlidesAreCoupledWithNothing) {
 }
 
 // ---- how they are judged -------------------------------------------------------------------------------------------
-
-TEST(ConventionTrial, ABetterConventionLeavesAFifthOfThePresentOnesMisfit) {
-  const auto with = [](double best, bool present_first) {
-    ConventionTrial present;
-    present.present = true;
-    present.rms = 1.0;
-    ConventionTrial other;
-    other.rms = best;
-    other.description = "other";
-    return present_first ? std::vector{present, other} : std::vector{other, present};
-  };
-  ASSERT_TRUE(better_convention(with(0.199, false)));
-  EXPECT_EQ(better_convention(with(0.199, false))->description, "other");
-  EXPECT_FALSE(better_convention(with(0.201, false)));
-  EXPECT_TRUE(better_convention(with(0.499, false), 0.5));
-  EXPECT_FALSE(better_convention(with(0.501, false), 0.5));
-  EXPECT_FALSE(better_convention(with(0.1, true), 20.0)) << "the present one is the best";
-  EXPECT_FALSE(better_convention({}));
-  EXPECT_FALSE(better_convention({with(0.1, false).front()})) << "nothing to compare with";
-}
 
 TEST(ConventionTrial, RefusesWhatDoesNotHoldTogether) {
   Measured m = measured(large_arm(), 1, {.configurations = 6, .targets = 1});

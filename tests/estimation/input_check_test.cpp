@@ -154,7 +154,6 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       TAKES(test_lack_of_fit(m.model, d, estimate, m.free)),
       TAKES(influence(problem, d, {}, estimate, sqrt_information)),
       TAKES(pseudo_values(m.model, d, estimate, Loss::huber, weights)),
-      TAKES(cross_validate_nominal(m.model, d, {{0}, {1}})),
       TAKES(configurations_outside_limits(m.model, d)),
       TAKES(information(experiment, d)),
       TAKES(residuals_csv(d, calibration)),

@@ -4,6 +4,7 @@
 
 #include "model/error_chains.hpp"
 #include "model/parameters.hpp"
+#include "parameter_chain.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::error_model_test {
@@ -63,7 +64,7 @@ TEST_P(EveryChain, WithErrorsAsJointsGivesTheSamePose) {
   Random random(7);
   const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);
   const Eigen::VectorXd q = testing::random_joints(model, random);
-  const ParameterChain chain = parameter_chain(model);
+  const testing::ParameterChain chain = testing::parameter_chain(model);
   Eigen::VectorXd all(chain.chain.getNrOfJoints());
   for (std::size_t i = 0; i < chain.joint_index.size(); ++i) {
     all[chain.joint_index[i]] = q[static_cast<Eigen::Index>(i)];

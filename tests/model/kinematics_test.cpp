@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "model/error_chains.hpp"
+#include "parameter_chain.hpp"
 #include "support.hpp"
 #include "two_step/matrix_derivatives.hpp"
 
@@ -57,7 +58,7 @@ TEST_P(EveryChainsKinematics, BatchPosesAreTheSinglePoses) {
 
 TEST_P(EveryChainsKinematics, IdentificationJacobianIsThatOfTheKdlSolverOnTheChainWithErrorsAsJoints) {
   Random random(3);
-  const ParameterChain oracle = parameter_chain(model);
+  const testing::ParameterChain oracle = testing::parameter_chain(model);
   KDL::ChainJntToJacSolver solver(oracle.chain);
   for (int i = 0; i < 100; ++i) {
     const Eigen::VectorXd errors = testing::random_errors(model, random, 0.0025, 3.0 * kDegree);

@@ -214,8 +214,9 @@ TEST(NoiseStrata, SeeWhatALayoutCanSeparate) {
   for (const Layout& layout : layouts) {
     const Measurements measured = rows_of(layout.places);
     const NoiseStrata strata(measured, {});
-    EXPECT_EQ(strata.several_targets(), layout.several_targets) << layout.name;
-    EXPECT_EQ(strata.separates_common(), layout.separates_common) << layout.name;
+    const MatrixXd parts = strata.unknown_parts(PartsAsked::all);
+    EXPECT_EQ(!parts.row(NoiseParts::kMisfit).isZero(), layout.several_targets) << layout.name;
+    EXPECT_EQ(!parts.row(NoiseParts::kCommon).isZero(), layout.separates_common) << layout.name;
     EXPECT_EQ(strata.repeat_freedom(), layout.repeat_freedom) << layout.name;
     EXPECT_FALSE(strata.stated()) << layout.name;
     EXPECT_TRUE(strata.mean_known().isZero(0.0)) << layout.name;

@@ -11,6 +11,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "model/kinematics.hpp"
+#include "planning/point_rows.hpp"
 #include "planning/simulation.hpp"
 #include "support.hpp"
 #include "two_step/matrix_derivatives.hpp"
@@ -41,6 +42,12 @@ struct Fixture {
   }
 };
 
+// Motion of the targets' points per unit of each free parameter, in the flange frame.
+MatrixXd point_jacobian(const Experiment& experiment, const Eigen::VectorXd& q) {
+  const PointRows rows(experiment);
+  return rows.rows(rows.points(), q);
+}
+
 // The points' Jacobian in the tracker's frame by products of 4x4 matrices.
 MatrixXd jacobian_by_matrices(const Experiment& experiment, const Eigen::VectorXd& q) {
   const KDL::Frame flange = testing::kdl_pose(testing::fanuc().chain, q);
@@ -52,8 +59,9 @@ MatrixXd jacobian_by_matrices(const Experiment& experiment, const Eigen::VectorX
     auto rows = J.middleRows(3 * t, 3);
     rows.leftCols(3).setIdentity();
     rows.middleCols(3, 3) = -skew(p);
-    rows.middleCols(6, geometric) = position_jacobian_by_matrix_derivatives(experiment.model, experiment.errors,
-                                                                            experiment.free.geometric(), q, point);
+    const std::vector<ChainFactor> factors = chain_factors(experiment.model);
+    rows.middleCols(6, geometric) =
+        point_columns(factors, matrix_product(factors, experiment.errors, q), experiment.free.geometric(), point);
     rows.middleCols(6 + geometric + 3 * t, 3) = to_eigen(flange).linear();
   }
   return J;

@@ -11,6 +11,7 @@
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "planning/point_rows.hpp"
 #include "planning/simulation.hpp"
 #include "planning/workspace.hpp"
 #include "refusal.hpp"
@@ -218,8 +219,9 @@ TEST(PoseSelection, EndsWhereNoExcursionHelps) {
   }
   // Its product with the covariance is the mean variance of a target in the tasks.
   MatrixXd mean = MatrixXd::Zero(f.none.rows(), f.none.cols());
+  const PointRows rows(f.experiment);
   for (const auto& q : f.tasks.colwise()) {
-    const MatrixXd J = point_jacobian(f.experiment, q);
+    const MatrixXd J = rows.rows(rows.points(), q);
     mean += J.transpose() * J / (3.0 * static_cast<double>(f.tasks.cols()));
   }
   for (const int depth : {1, 3}) {

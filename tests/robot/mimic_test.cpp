@@ -10,6 +10,7 @@
 #include <Eigen/SVD>
 #include <fstream>
 
+#include "better_reading.hpp"
 #include "calibration/calibrate.hpp"
 #include "model/kinematics.hpp"
 #include "planning/measuring_plan.hpp"
@@ -26,6 +27,7 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using ::testing::AllOf;
+using testing::better_convention;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::VirtualExperiment;

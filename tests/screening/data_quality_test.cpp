@@ -12,6 +12,7 @@
 #include <functional>
 #include <iostream>
 
+#include "better_reading.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "model/reduction.hpp"
@@ -22,6 +23,7 @@
 namespace kdl_calibration::data_quality_test {
 namespace {
 
+using testing::better_convention;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;

@@ -61,7 +61,7 @@ TEST_P(MatrixDerivatives, ColumnsOfAPointAreInTheOrderThatIsAsked) {
   const MatrixProduct product = matrix_product(arm.factors, arm.errors, arm.q);
   const std::vector<std::size_t> which = {20, 3, 11};
   const Matrix3Xd columns = point_columns(arm.factors, product, which, point);
-  const Matrix3Xd published = position_jacobian_by_matrix_derivatives(arm.model, arm.errors, {3, 11, 20}, arm.q, point);
+  const Matrix3Xd published = point_columns(arm.factors, product, {3, 11, 20}, point);
   ASSERT_EQ(columns.cols(), 3);
   EXPECT_EQ(columns.col(0), published.col(2));
   EXPECT_EQ(columns.col(1), published.col(0));

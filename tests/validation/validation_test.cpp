@@ -98,7 +98,7 @@ TEST(Validation, LeaveOneOutIsARefitWithoutThatConfiguration) {
   const Fixture f(2);
   const FitProblem problem{
       .model = f.model, .measurements = f.measured, .start = nominal_start(f.model, f.measured), .free = f.free};
-  const HoldOut found = leave_one_configuration_out(problem);
+  const HoldOut found = cross_validate(problem, make_folds(f.measured, 0));
   EXPECT_EQ(found.refits, 20);
   EXPECT_EQ(found.not_converged, 0);
   ASSERT_EQ(found.distances.size(), 60U);
@@ -205,35 +205,6 @@ TEST(Validation, CrossValidationCountsTheFoldsThatDoNotConverge) {
   EXPECT_EQ(found.distances.size(), 57U) << "of training rows";
   problem.options.joint.max_iterations = 50;
   EXPECT_EQ(cross_validate(problem, make_folds(f.measured, 4), 1).not_converged, 0);
-}
-
-TEST(Validation, TheNominalRobotIsRegisteredAnewWithoutEachFold) {
-  Fixture f(2);
-  RegistrationOptions known;
-  known.known.bases = {{.X_WB = f.robot.truth.frames.base() * Eigen::Translation3d(0.0, 5e-3, 0.0)}};
-  for (const RegistrationOptions& options : {RegistrationOptions{}, known}) {
-    const auto folds = make_folds(f.measured, 3);
-    std::vector<double> expected;
-    for (const auto& fold : folds) {
-      const auto in_fold = [&](const Observation& o) {
-        return std::find(fold.begin(), fold.end(), o.configuration) != fold.end();
-      };
-      const Estimate start =
-          nominal_start(f.model, subset(f.measured, [&](const Observation& o) { return !in_fold(o); }), options);
-      const auto own = position_errors(f.model, start, averaged(subset(f.measured, in_fold)));
-      expected.insert(expected.end(), own.begin(), own.end());
-    }
-    const HoldOut found = cross_validate_nominal(f.model, f.measured, folds, options, 2);
-    EXPECT_EQ(found.refits, 3);
-    EXPECT_EQ(found.not_converged, 0);
-    ASSERT_EQ(found.distances.size(), expected.size());
-    for (std::size_t i = 0; i < expected.size(); ++i) {
-      EXPECT_NEAR(found.distances[i], expected[i], 1e-9) << i;
-    }
-    EXPECT_EQ(leave_one_configuration_out_nominal(f.model, f.measured, options).refits, 20);
-    EXPECT_EQ(leave_one_configuration_out_nominal(f.model, f.measured, options).distances,
-              cross_validate_nominal(f.model, f.measured, make_folds(f.measured, 0), options).distances);
-  }
 }
 
 TEST(Validation, ARefittedFoldIsPredictedPointByPoint) {
