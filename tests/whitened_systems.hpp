@@ -10,6 +10,18 @@
 
 namespace kdl_calibration::testing {
 
+/// The sums of whitened rows.
+inline WhitenedSummary summarised(const WhitenedSystem& system) {
+  RowSummary summary(system.jacobian.cols());
+  for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
+    const Eigen::Index first = system.blocks[b];
+    const Eigen::Index count = system.blocks[b + 1] - first;
+    summary.add_configuration(system.jacobian.middleRows(first, count), system.residual.segment(first, count));
+  }
+  summary.add_priors(system.jacobian.bottomRows(system.jacobian.rows() - system.blocks.back()));
+  return summary.finish();
+}
+
 /// Hessian J^T J and gradient J^T e, to these shares of their norms.
 inline void expect_equations_of(const WhitenedSystem& rows, const NormalEquations& found, double of_hessian,
                                 double of_gradient) {

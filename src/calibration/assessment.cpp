@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "calibration/noise_report.hpp"
+#include "estimation/identification.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "model/parameters.hpp"
@@ -12,7 +13,6 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr double kLeastRobustWeight = 1e-9;  // as in identify_robustly: no weight makes a column undetermined
 constexpr Eigen::Index kMostConfigurationsAssessed = 5000;  // for the influence of each
 
 // The candidates without the rotations of stations that stay as registered.

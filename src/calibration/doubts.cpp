@@ -12,12 +12,12 @@
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/prior_check.hpp"
 #include "calibration/validation_stage.hpp"
-#include "estimation/input_check.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
+#include "selection/model_score.hpp"
 #include "validation/validation.hpp"
 
 namespace kdl_calibration {
@@ -342,7 +342,7 @@ bool is_worse_elsewhere(const CalibrationResult& found) {
 
 // Whether the geometry alone predicts left-out configurations better than the model with effects.
 bool has_harmful_effects(const CalibrationResult& found) {
-  constexpr double kWorse = 1.0 / 0.98;  // as in the selection of effects
+  constexpr double kWorse = 1.0 / kClearlyBetter;
   const BeforeAfter* held_out = found.accuracy.held_out();
   return held_out != nullptr && held_out->rigid && held_out->rigid->count > 0 &&
          held_out->after.rms > kWorse * held_out->rigid->rms;
@@ -513,7 +513,6 @@ bool is_uncertain_elsewhere(const CalibrationResult& calibration) {
 }
 
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {
-  check(measurements, model);
   int outside = 0;
   for (Eigen::Index c = 0; c < measurements.joint_values.cols(); ++c) {
     bool inside = true;

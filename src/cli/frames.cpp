@@ -10,6 +10,7 @@
 #include "base/text_file.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "results/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -21,9 +22,7 @@ using tree::member;
 using tree::name;
 using tree::Node;
 using tree::number;
-using tree::numbers;
 using tree::pose;
-using tree::quaternion;
 
 }  // namespace
 
@@ -76,17 +75,11 @@ std::vector<TargetFrame> targets_of(const Json& json, const std::string& source)
   std::vector<TargetFrame> targets;
   std::set<std::string> names;
   for (const Node& node : nodes) {
-    TargetFrame target;
-    target.name = name(member(node, "name"));
-    if (!names.insert(target.name).second) {
-      throw InputError(node.where + ": target '" + target.name + "' is there twice, expected each once");
+    const std::string target = name(member(node, "name"));
+    if (!names.insert(target).second) {
+      throw InputError(node.where + ": target '" + target + "' is there twice, expected each once");
     }
-    target.X_FT.translation() = numbers<3>(member(node, "position"));
-    target.with_orientation = has(node, "quaternion_wxyz");
-    if (target.with_orientation) {
-      target.X_FT.linear() = quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
-    }
-    targets.push_back(target);
+    targets.push_back(target_of(node));
   }
   return targets;
 }

@@ -20,7 +20,6 @@
 #include "diagnosis/repeated_configurations.hpp"
 #include "diagnosis/trial_fit.hpp"
 #include "diagnosis/trial_sample.hpp"
-#include "estimation/input_check.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
@@ -28,6 +27,7 @@
 #include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "noise/lack_of_fit.hpp"
+#include "screening/gross_rows.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -36,9 +36,8 @@ using Eigen::Index;
 using Eigen::Vector3d;
 
 constexpr std::size_t kMostSampled = 300;
-constexpr std::size_t kMostPoses = 75;  // four points each
-constexpr int kSteps = 20;              // iterations of a trial fit
-constexpr double kMostMisfitLeft = 1.0 / 3.0;
+constexpr std::size_t kMostPoses = 75;    // four points each
+constexpr int kSteps = 20;                // iterations of a trial fit
 constexpr double kFalseAlarmRate = 1e-4;  // of all readings together
 constexpr double kNoMisfit = 1e-7;        // [m]
 constexpr double kLeastFactor = 0.02;     // least deviation from 1 of the points' scale for the nominal robot
@@ -383,10 +382,6 @@ std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, con
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options) {
-  check(measurements, model);
-  check(fit, model, measurements);
-  check(free, model, measurements);
-  check(options.registration);
   const auto sample = [&](const Measurements& all, const Unknowns& unknowns, std::size_t most) {
     return trial_sample(model, all, unknowns, most);
   };

@@ -13,7 +13,6 @@
 #include "base/number_range.hpp"
 #include "base/parallel.hpp"
 #include "diagnosis/trial_fit.hpp"
-#include "estimation/input_check.hpp"
 #include "estimation/point_registration.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -263,8 +262,6 @@ private:
 
 std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Measurements& measurements,
                                              const Unknowns& free, const ConventionOptions& options) {
-  check(measurements, model);
-  check(free, model, measurements);
   std::vector<ConventionTrial> trials =
       Readings(model.joints, independent_joint_values(model.joints, measurements.joint_values), options.used)
           .all(options.others);

@@ -14,14 +14,6 @@ namespace kdl_calibration {
 using Eigen::Index;
 using Eigen::VectorXd;
 
-double arm_length(const ErrorModel& model) {
-  double length = model.tip_origin.p.Norm();
-  for (const MovingJoint& joint : model.joints) {
-    length += joint.origin.p.Norm();
-  }
-  return length;
-}
-
 bool plausible(const ErrorModel& model, const VectorXd& errors) {
   constexpr double kLargestAngle = 0.35;   // [rad]
   constexpr double kLargestShare = 0.005;  // of the length of an arm of more than ten metres

@@ -26,9 +26,6 @@ constexpr double kWorthAFitBesideTheNearest = 5.0;
 /// Ends the message of every other reading.
 constexpr const char* kUsedAsRead = "the input was used as read";
 
-/// [m] sum of the link lengths, base included.
-double arm_length(const ErrorModel& model);
-
 /// Whether a robot's errors can be as large: 50 mm (0.5 % of an arm beyond ten metres), 0.35 rad. With larger ones a
 /// wrong reading may fit, e.g. the fifth joint's opposite sign as half a turn of the fourth and the sixth.
 bool plausible(const ErrorModel& model, const Eigen::VectorXd& errors);

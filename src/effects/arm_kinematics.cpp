@@ -37,9 +37,6 @@ private:
 
 ArmKinematics::ArmKinematics(const ErrorModel& model, const VectorXd& errors, const VectorXd& effects)
     : model_(model), effects_(effects) {
-  if (effects.size() > 0) {
-    require_count("values of effects", effects.size(), model.effects.size());
-  }
   require_finite("a calibrated arm", errors.allFinite() && effects.allFinite());
   chain_ = folded(model, errors);
   if (effects_.isZero(0.0)) {
@@ -51,7 +48,6 @@ ArmKinematics::ArmKinematics(const ErrorModel& model, const VectorXd& errors, co
 }
 
 Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q) const {
-  require_count("joint values", q.size(), model_.joints.size());
   if (effects_.size() == 0) {
     return kdl_calibration::flange_pose(chain_, q);
   }
@@ -69,8 +65,6 @@ Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Matrix6Xd& j
 }
 
 Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Ref<Matrix6Xd> jacobian) const {
-  require_count("joint values", q.size(), model_.joints.size());
-  require_count("columns of the Jacobian", jacobian.cols(), q.size());
   const Index n = q.size();
   if (effects_.size() == 0) {
     return manipulator_jacobian(chain_, q, jacobian);

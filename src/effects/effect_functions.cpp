@@ -7,7 +7,6 @@
 #include <numbers>
 #include <string>
 
-#include "base/preconditions.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
@@ -46,7 +45,6 @@ bool is_withheld(const EffectTerm& term, double q) {
 }
 
 bool withholds_tables(const ErrorModel& model, const VectorXd& q) {
-  require_count("joint values", q.size(), model.joints.size());
   return std::any_of(model.effects.begin(), model.effects.end(),
                      [&](const EffectTerm& term) { return is_withheld(term, q[term.index]); });
 }

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "base/number_text.hpp"
-#include "base/preconditions.hpp"
 #include "base/random.hpp"
 #include "effects/effect_functions.hpp"
 #include "effects/joint_effects.hpp"
@@ -199,7 +198,6 @@ std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std
 
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values,
                                      const DriveSignals& signals) {
-  require_count("joint values", joint_values.rows(), model.joints.size());
   if (group == EffectGroup::tables) {
     return table_terms(model, joint_values, std::numbers::pi / 6.0);
   }
@@ -231,8 +229,6 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
 
 std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,
                                      double times_a_turn) {
-  require_count("joint values", joint_values.rows(), model.joints.size());
-  require_index("the joint", joint, model.joints.size());
   std::vector<EffectTerm> pair;
   add_swing(model, joint, {.times = times_a_turn, .is_ripple = true}, pair);
   const DriveSignals none;
@@ -241,8 +237,6 @@ std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& jo
 }
 
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joint_values, double length) {
-  require_count("joint values", joint_values.rows(), model.joints.size());
-  require_sigma("the length of a table", length);
   constexpr double kLeastTurn = std::numbers::pi / 18.0;
   constexpr double kLeastSlide = 0.02;
   std::vector<EffectTerm> result;
@@ -264,7 +258,6 @@ std::vector<EffectTerm> table_terms(const ErrorModel& model, const MatrixXd& joi
 }
 
 MatrixXd gravity_torques(const ErrorModel& model, const MatrixXd& joint_values) {
-  require_count("joint values", joint_values.rows(), model.joints.size());
   MatrixXd torques(joint_values.rows(), joint_values.cols());
   const std::vector<JointFrames> frames = joint_frames_of_all(model, joint_values);
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {

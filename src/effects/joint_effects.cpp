@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <memory_resource>
 
-#include "base/preconditions.hpp"
 #include "effects/effect_functions.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
@@ -104,7 +103,6 @@ bool misses_approach(const EffectTerm& term, const DriveSignals& signals, Index 
 }
 
 MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, const DriveSignals& signals) {
-  require_count("joint values", joint_values.rows(), model.joints.size());
   if (const std::string fault = fault_of(signals, joint_values); !fault.empty()) {
     throw InputError(fault);
   }
@@ -124,9 +122,6 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, con
 
 void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<const VectorXd>& q,
                    Ref<VectorXd> motion) {
-  require_count("values of effects", values.size(), model.effects.size());
-  require_count("joint values", q.size(), model.joints.size());
-  require_count("motions of joints", motion.size(), motion_size(model));
   alignas(Eigen::Isometry3d) std::array<std::byte, (kFewJoints + 1) * (sizeof(Eigen::Isometry3d) + sizeof(Matrix3d))>
       bytes;
   std::pmr::monotonic_buffer_resource memory(bytes.data(), bytes.size());
@@ -160,10 +155,6 @@ MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values,
   if (values.size() == 0 || values.isZero(0.0)) {
     return joint_values;
   }
-  require_count("values of effects", values.size(), model.effects.size());
-  require_count("joint values", joint_values.rows(), model.joints.size());
-  require_count("rows of a basis", basis.rows(), model.effects.size());
-  require_count("columns of a basis", basis.cols(), joint_values.cols());
   MatrixXd result = MatrixXd::Zero(motion_size(model), joint_values.cols());
   result.topRows(joint_values.rows()) = joint_values;
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
@@ -175,7 +166,6 @@ MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values,
 
 KDL::Chain tilted_chain(const KDL::Chain& chain, const VectorXd& tilts) {
   const auto moves = [](const KDL::Segment& segment) { return segment.getJoint().getType() != KDL::Joint::Fixed; };
-  require_count("tilts", tilts.size(), 2 * std::count_if(chain.segments.begin(), chain.segments.end(), moves));
   KDL::Chain result;
   Index next = 0;
   for (const KDL::Segment& segment : chain.segments) {

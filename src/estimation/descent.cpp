@@ -18,15 +18,6 @@ namespace {
 using Eigen::Index;
 using Eigen::VectorXd;
 
-// [m] sum of all link lengths and travels.
-double stretched(const ErrorModel& model) {
-  double length = model.tip_origin.p.Norm();
-  for (const MovingJoint& joint : model.joints) {
-    length += joint.origin.p.Norm();
-  }
-  return length;
-}
-
 // Limits of errors: a radian, and half the length of the stretched arm (travels included) but at least 0.5 m. Points in
 // feet exceed them for any arm with one long link.
 constexpr double kLargestAngle = 1.0;        // [rad]
@@ -34,7 +25,7 @@ constexpr double kLargestShareOfArm = 0.5;   // share of its length
 constexpr double kLeastLargestLength = 0.5;  // [m]
 
 double largest_length(const ErrorModel& model) {
-  double length = stretched(model);
+  double length = arm_length(model);
   for (const MovingJoint& joint : model.joints) {
     if (joint.type == JointType::prismatic) {
       length += std::max(std::abs(joint.lower.value_or(0.0)), std::abs(joint.upper.value_or(0.0)));
@@ -66,7 +57,7 @@ constexpr double kUsualFrame = 3.0;     // [m] or [rad] from the registered fram
 // Usual errors and rounding are those of an arm up to ten metres; they grow with larger ones.
 double size_of(const ErrorModel& model) {
   constexpr double kLargeArm = 10.0;  // [m]
-  return std::max(1.0, stretched(model) / kLargeArm);
+  return std::max(1.0, arm_length(model) / kLargeArm);
 }
 
 // For every column the distance of the estimate from its prior mean, and the inverse square of the usual distance. The

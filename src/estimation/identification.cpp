@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -25,19 +26,8 @@ using Eigen::VectorXd;
 }  // namespace
 
 std::string to_string(Termination termination) {
-  switch (termination) {
-    case Termination::converged:
-      return "converged";
-    case Termination::iteration_limit:
-      return "iteration_limit";
-    case Termination::stalled:
-      return "stalled";
-    case Termination::rank_deficient:
-      return "rank_deficient";
-    case Termination::diverged:
-      return "diverged";
-  }
-  return "unknown";
+  constexpr std::array kNames = {"converged", "iteration_limit", "stalled", "rank_deficient", "diverged"};
+  return kNames[static_cast<std::size_t>(termination)];
 }
 
 Estimate nominal_start(const ErrorModel& model, const Measurements& measurements, const RegistrationOptions& options) {
@@ -184,10 +174,9 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
       followed = settled;
       reweighted.step_tolerance =
           settled ? options.step_tolerance : std::max(options.step_tolerance, kSmallStep * result.fit.rms);
-      // Zero weights are raised slightly, so that a target without other rows stays determined.
       reweighted.residuals.row_weights = result.weights;
       for (double& weight : reweighted.residuals.row_weights) {
-        weight = std::max(weight, 1e-9);
+        weight = std::max(weight, kLeastRobustWeight);
       }
       const Identification before = std::move(result.fit);
       result.fit = identify_jointly(problem.model, measurements, before.estimate, problem.free, reweighted);
@@ -203,7 +192,6 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
 }  // namespace
 
 RobustIdentification identify_robustly(const FitProblem& problem) {
-  check(problem);
   const TrainingProblem training(problem);
   RobustIdentification result = reweighted_fit(*training);
   result.weights = training.rows().among_all(std::move(result.weights), 1.0);

@@ -110,6 +110,9 @@ struct RobustIdentification {
   double scale = 0.0;             ///< unit of r: 1 means exactly the stated noise
 };
 
+/// Zero weights are raised to this, so that a target without other rows stays determined.
+constexpr double kLeastRobustWeight = 1e-9;
+
 /// identify_jointly with iteratively reweighted rows. The scale is the median of the whitened residuals over that of
 /// the chi distribution, updated in each round; Tukey starts from the Huber estimate.
 RobustIdentification identify_robustly(const FitProblem& problem);

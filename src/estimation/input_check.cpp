@@ -83,20 +83,6 @@ void check(const Unknowns& free, const ErrorModel& model, const Measurements& me
   check(free, model, measurements.targets.size());
 }
 
-void check(const std::vector<std::vector<Eigen::Index>>& folds, const Measurements& measurements) {
-  for (const std::vector<Eigen::Index>& fold : folds) {
-    require_at_least("configurations of a fold", fold.size(), 1);
-    require_indices("the configuration of a fold", fold, measurements.configurations.size());
-  }
-}
-
-void check(const FitProblem& problem) {
-  check(problem.measurements, problem.model);
-  check(problem.start, problem.model, problem.measurements);
-  check(problem.free, problem.model, problem.measurements);
-  check(problem.options.joint.residuals, problem.measurements);
-}
-
 void check(const Priors& priors) {
   require_sigma("the prior of lengths", priors.length);
   require_sigma("the prior of angles", priors.angle);

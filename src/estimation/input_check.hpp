@@ -26,18 +26,12 @@ void check(const Estimate& estimate, const ErrorModel& model, std::size_t target
 void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements);
 void check(const Unknowns& free, const ErrorModel& model, std::size_t targets);
 
-/// Indices of measured configurations.
-void check(const std::vector<std::vector<Eigen::Index>>& folds, const Measurements& measurements);
-
 /// Sigmas that are finite and not negative.
 void check(const Priors& priors);
 void check(const NoiseModel& noise);
 
 /// The same for noise and priors; row weights not negative, one per row or none.
 void check(const ResidualOptions& options, const Measurements& measurements);
-
-/// Measurements, start, unknowns and options of one model.
-void check(const FitProblem& problem);
 
 /// Frames that are finite, a length of 0 or more.
 void check(const RegistrationOptions& options);

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "base/decompositions.hpp"
-#include "base/preconditions.hpp"
 #include "estimation/block_pass.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/lane_pass.hpp"
@@ -79,7 +78,6 @@ struct LeastSquaresProblem::Data {
        const ResidualOptions& options)
       : model(checked(the_model, measurements, the_unknowns, options)),
         unknowns(the_unknowns),
-        targets(measurements.targets.size()),
         one_station(the_model.has_open_bases ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
                                              : nullptr),
         parts(parts_of(measurements, options)),
@@ -89,16 +87,6 @@ struct LeastSquaresProblem::Data {
         prior_information(priors.information()),
         lanes(model, unknowns, observed.groups, options.threads),
         blocks(model, unknowns, observed) {}
-
-  // Checks sizes only, because it runs in every pass.
-  void require_fit(const Estimate& estimate) const {
-    require_count("errors of an estimate", estimate.errors.size(), model.parameters.size());
-    require_count("targets of an estimate", estimate.frames.targets.size(), targets);
-    if (estimate.effects.size() != 0) {
-      require_count("effects of an estimate", estimate.effects.size(), model.effects.size());
-    }
-    require_count("bases of an estimate", estimate.frames.bases.size(), model.stations.size());
-  }
 
   std::vector<Part> parts_of(const Measurements& measurements, const ResidualOptions& options) const;
   ObservedTotals totals_of_parts() const;
@@ -138,7 +126,6 @@ struct LeastSquaresProblem::Data {
 
   const ErrorModel& model;
   const Unknowns unknowns;
-  const std::size_t targets;
   const std::unique_ptr<const ErrorModel> one_station;  // the model of the parts
   const std::vector<Part> parts;                        // of several stations, or one with loose rotations
   const ObservedData observed;                          // of a single one
@@ -260,7 +247,6 @@ NormalEquations LeastSquaresProblem::linearise(const Estimate& estimate) const {
 }
 
 void LeastSquaresProblem::linearise(const Estimate& estimate, Workspace& workspace, NormalEquations& equations) const {
-  data_->require_fit(estimate);
   const Index columns = data_->unknowns.size();
   equations.hessian.setZero(columns, columns);
   equations.gradient.setZero(columns);
@@ -289,7 +275,6 @@ double LeastSquaresProblem::cost(const Estimate& estimate) const {
 }
 
 double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace) const {
-  data_->require_fit(estimate);
   double cost = data_->observed.totals.cost_of_repeats;
   cost += data_->side_by_side() ? data_->lanes.cost(estimate, workspace.content_->lanes)
                                 : data_->blocks.cost(estimate, workspace.content_->blocks);
@@ -301,7 +286,6 @@ double LeastSquaresProblem::cost(const Estimate& estimate, Workspace& workspace)
 }
 
 WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
-  data_->require_fit(estimate);
   const Index columns = data_->unknowns.size();
   std::vector<MatrixXd> blocks;
   Index rows = 0;
@@ -332,7 +316,6 @@ WhitenedSystem LeastSquaresProblem::whitened(const Estimate& estimate) const {
 }
 
 WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) const {
-  data_->require_fit(estimate);
   std::optional<MatrixXd> root;
   if (data_->has_much()) {
     Workspace workspace;

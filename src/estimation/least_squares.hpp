@@ -44,7 +44,7 @@ public:
   double cost(const Estimate& estimate) const;
   double cost(const Estimate& estimate, Workspace& workspace) const;
   WhitenedSystem whitened(const Estimate& estimate) const;
-  /// As summarised(whitened(estimate)), in constant memory. Above kManyConfigurations configurations on the lane pass,
+  /// The sums of these rows, in constant memory. Above kManyConfigurations configurations on the lane pass,
   /// fewer with more than 30 columns, the triangular factor is a Cholesky factor of the information if its condition
   /// allows. Rotations of one of several stations about the line or the point that its points are on get no
   /// information: only residuals would show them.

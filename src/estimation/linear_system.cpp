@@ -8,7 +8,6 @@
 
 #include "base/decompositions.hpp"
 #include "base/dense.hpp"
-#include "base/preconditions.hpp"
 #include "model/kinematics.hpp"
 
 namespace kdl_calibration {
@@ -25,13 +24,11 @@ constexpr Index kSumsAtOnce = 64;  // configurations
 }  // namespace
 
 VectorXd unit_scale_of_information(const Eigen::Ref<const MatrixXd>& information) {
-  require_count("columns of an information matrix", information.cols(), information.rows());
   return information.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
 }
 
 std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
   constexpr double kSmallestPivot = 1e-3;
-  require_count("columns of an information matrix", information.cols(), information.rows());
   const VectorXd norms = information.diagonal().cwiseSqrt();
   if (!(norms.minCoeff() > 0.0)) {
     return std::nullopt;
@@ -42,23 +39,6 @@ std::optional<MatrixXd> well_conditioned_root(const MatrixXd& information) {
     return std::nullopt;
   }
   return MatrixXd(root.triangularView<Eigen::Lower>().transpose()) * norms.asDiagonal();
-}
-
-WhitenedSummary summarised(const WhitenedSystem& system) {
-  require_count("residuals of a system", system.residual.size(), system.jacobian.rows());
-  require_at_least("blocks of a system", system.blocks.size(), 1);
-  require_indices("the block's row", system.blocks, system.jacobian.rows() + 1);
-  if (!std::is_sorted(system.blocks.begin(), system.blocks.end())) {
-    refuse_input("first rows of blocks go back", "one after the other");
-  }
-  RowSummary summary(system.jacobian.cols());
-  for (std::size_t b = 0; b + 1 < system.blocks.size(); ++b) {
-    const Index first = system.blocks[b];
-    const Index count = system.blocks[b + 1] - first;
-    summary.add_configuration(system.jacobian.middleRows(first, count), system.residual.segment(first, count));
-  }
-  summary.add_priors(system.jacobian.bottomRows(system.jacobian.rows() - system.blocks.back()));
-  return summary.finish();
 }
 
 RowSummary::RowSummary(Index columns, std::optional<MatrixXd> sqrt_information)
@@ -72,7 +52,6 @@ RowSummary::RowSummary(Index columns, std::optional<MatrixXd> sqrt_information)
 
 void RowSummary::add_configuration(const Eigen::Ref<const MatrixXd>& jacobian,
                                    const Eigen::Ref<const VectorXd>& residual) {
-  require_count("residuals of a configuration", residual.size(), jacobian.rows());
   append(jacobian);
   const Index points = residual.size() / 3;
   if (summed_ == sums_.rows()) {
@@ -106,7 +85,6 @@ WhitenedSummary RowSummary::finish() {
 }
 
 void RowSummary::append(const Eigen::Ref<const MatrixXd>& rows) {
-  require_count("columns of rows", rows.cols(), columns_);
   summary_.rows += rows.rows();
   if (known_) {
     return;

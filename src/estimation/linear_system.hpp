@@ -43,7 +43,6 @@ struct WhitenedSummary {
   double squares_of_sums = 0.0;    ///< sum |s(e_c)|^2
   double pairs = 0.0;              ///< pairs of coordinates of two points of one configuration
 };
-WhitenedSummary summarised(const WhitenedSystem& system);
 
 /// Summarises rows added configuration by configuration, in constant memory. Without a known square root of their
 /// information, every few hundred rows are reduced to a triangular factor together with the previous one.

@@ -1,6 +1,5 @@
 #include "estimation/prediction.hpp"
 
-#include "base/preconditions.hpp"
 #include "effects/joint_effects.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
@@ -37,8 +36,6 @@ Residual residual(const Reading& reading, const Isometry3d& X_WT) {
 
 Vector3d predicted_point(const Estimate& estimate, const std::vector<Isometry3d>& X_BF,
                          const Observation& observation) {
-  require_index("the configuration", observation.configuration, X_BF.size());
-  require_index("the target", observation.target, estimate.frames.targets.size());
   return estimate.frames.base(static_cast<std::size_t>(observation.station)) *
          (X_BF[static_cast<std::size_t>(observation.configuration)] *
           estimate.frames.targets[static_cast<std::size_t>(observation.target)].X_FT.translation());
@@ -61,7 +58,6 @@ std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& esti
 }
 
 ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term) {
-  require_index("the joint of an effect", term.index, model.joints.size());
   ParameterTwist twist;
   twist.frame = term.index;
   twist.tilted = term.axis != EffectAxis::across_x;  // the folded chain's joints turn about x, then about y and z
@@ -82,7 +78,6 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   }
   const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
-  require_indices("the effect", unknowns.effects(), model.effects.size());
   for (const std::size_t d : unknowns.effects()) {
     twists.push_back(effect_twist(model, model.effects[d]));
   }

@@ -4,7 +4,6 @@
 #include <map>
 #include <utility>
 
-#include "base/preconditions.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
 
@@ -64,18 +63,7 @@ const Values* values_of(UnknownGroup group) {
 
 // Zero if the estimate has no values of the group.
 double value_at(const VectorXd& values, std::size_t index) {
-  if (values.size() == 0) {
-    return 0.0;
-  }
-  require_index("the unknown", index, values.size());
-  return values[static_cast<Index>(index)];
-}
-
-// Checks the last index only, as indices are ascending.
-void require_last(const std::vector<std::size_t>& indices, const VectorXd& values) {
-  if (!indices.empty()) {
-    require_index("the unknown", indices.back(), values.size());
-  }
+  return values.size() == 0 ? 0.0 : values[static_cast<Index>(index)];
 }
 
 // All unknowns of a group, in the order of their index.
@@ -181,7 +169,6 @@ Unknowns Unknowns::with(const ErrorModel& model, UnknownGroup group, const std::
   result.listed_[number_of(group)] = static_cast<Index>(all.size());
   std::vector<Unknown> unknowns = without(group).columns_;
   for (const std::size_t index : indices) {
-    require_index("the unknown", index, all.size());
     unknowns.push_back(all[index]);
   }
   result.arrange(std::move(unknowns));
@@ -205,7 +192,6 @@ Unknowns Unknowns::without(UnknownGroup group) const {
 }
 
 Unknowns Unknowns::subset(const std::vector<bool>& marked) const {
-  require_count("marks of unknowns", marked.size(), columns_.size());
   std::vector<Unknown> kept;
   for (std::size_t column = 0; column < columns_.size(); ++column) {
     if (marked[column]) {
@@ -294,7 +280,6 @@ Estimate Unknowns::moved(const Estimate& estimate, const VectorXd& step) const {
 }
 
 void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& result) const {
-  require_count("values of a step", step.size(), size());
   result = estimate;
   for (std::size_t station = 0; station < result.frames.bases.size(); ++station) {
     const Vector6d motion = motion_of(step, base_columns(station));
@@ -307,7 +292,6 @@ void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& re
     if (!of(group.group).empty() && values.size() == 0) {
       values = VectorXd::Zero(listed_[number_of(group.group)]);
     }
-    require_last(of(group.group), values);
     Index column = range(group.group).first;
     for (const std::size_t index : of(group.group)) {
       values[static_cast<Index>(index)] += step[column++];
@@ -322,9 +306,7 @@ void Unknowns::move(const Estimate& estimate, const VectorXd& step, Estimate& re
 }
 
 VectorXd Unknowns::difference(const Estimate& from, const Estimate& to) const {
-  require_count("targets of an estimate", to.frames.targets.size(), from.frames.targets.size());
   VectorXd step = VectorXd::Zero(size());
-  require_count("bases of an estimate", to.frames.bases.size(), from.frames.bases.size());
   Vector6d motion;
   for (std::size_t station = 0; station < from.frames.bases.size(); ++station) {
     const Isometry3d& first = from.frames.base(station);
@@ -353,9 +335,6 @@ double Unknowns::value(const Estimate& estimate, const Unknown& unknown) {
     return value_at(estimate.*group->values, unknown.index);
   }
   const bool coordinate = unknown.group == UnknownGroup::targets && unknown.index % 6 < 3;
-  if (coordinate) {
-    require_index("the target", unknown.index / 6, estimate.frames.targets.size());
-  }
   return coordinate
              ? estimate.frames.targets[unknown.index / 6].X_FT.translation()[static_cast<Index>(unknown.index % 6)]
              : 0.0;

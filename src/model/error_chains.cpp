@@ -1,6 +1,5 @@
 #include "model/error_chains.hpp"
 
-#include "base/preconditions.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -32,8 +31,6 @@ void add_parameter_factors(const ErrorModel& model, int frame, bool offsets, std
 }  // namespace
 
 KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame) {
-  require_count("errors", errors.size(), model.parameters.size());
-  require_index("the frame", frame, model.joints.size() + 1);
   KDL::Frame result = KDL::Frame::Identity();
   for (const bool offsets : {false, true}) {
     for (std::size_t p = 0; p < model.parameters.size(); ++p) {

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "base/preconditions.hpp"
 #include "model/error_chains.hpp"
 #include "model/parameters.hpp"
 
@@ -62,8 +61,6 @@ FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors) {
 
 std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eigen::VectorXd& errors,
                                              const std::vector<std::size_t>& which) {
-  require_count("errors", errors.size(), model.parameters.size());
-  require_indices("parameter", which, model.parameters.size());
   const std::vector<ChainFactor> factors = chain_factors(model);
   const auto joints = static_cast<int>(model.joints.size());
   std::vector<ParameterTwist> all(model.parameters.size());
@@ -103,7 +100,6 @@ std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eige
 }
 
 ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which) {
-  require_indices("parameter", which, model.parameters.size());
   frames_.resize(model.joints.size() + 1);
   shape_.links.resize(frames_.size());
   Eigen::Matrix3d turn_back = Eigen::Matrix3d::Identity();
@@ -134,16 +130,13 @@ ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>
 
 void ChainFolder::fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::vector<ParameterTwist>& twists,
                        std::size_t first) const {
-  require_count("links of a chain", chain.links.size(), frames_.size());
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     Eigen::Matrix3d R = frames_[i].turn;  // with p: the joint frame in the frame after the factor
     Eigen::Vector3d p = Eigen::Vector3d::Zero();
     for (auto factor = frames_[i].factors.rbegin(); factor != frames_[i].factors.rend(); ++factor) {
       const Eigen::Vector3d& axis = factor->axis;
-      require_index("the parameter", factor->parameter, errors.size());
       if (factor->column >= 0) {
         const std::size_t place = first + static_cast<std::size_t>(factor->column);
-        require_index("the twist", place, twists.size());
         ParameterTwist& twist = twists[place];
         const Eigen::Vector3d turned = R.transpose() * axis;
         twist.frame = static_cast<int>(i);
@@ -177,13 +170,6 @@ std::vector<ParameterTwist> base_twists() {
 }
 
 namespace {
-
-// Expects one value per joint, or three with tilts.
-void require_values(Eigen::Index count, const FoldedChain& chain) {
-  if (!std::cmp_equal(count, 3 * chain.prismatic.size())) {
-    require_count("joint values", count, chain.prismatic.size());
-  }
-}
 
 // The rows of [R | p]: multiplication from the left combines whole rows.
 class PoseRows {
@@ -250,7 +236,6 @@ private:
 }  // namespace
 
 Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const Eigen::VectorXd>& q) {
-  require_values(q.size(), chain);
   PoseRows pose(chain.links.back());
   for (std::size_t i = chain.prismatic.size(); i-- > 0;) {
     pose.move(q, i, chain.prismatic[i]);
@@ -270,15 +255,12 @@ std::vector<Eigen::Isometry3d> flange_poses(const FoldedChain& chain, const Eige
 
 Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<ParameterTwist>& twists,
                                   const Eigen::Ref<const Eigen::VectorXd>& q, Matrix6Xd& jacobian) {
-  require_values(q.size(), chain);
   jacobian.resize(6, static_cast<Eigen::Index>(twists.size()));
   PoseRows pose(Eigen::Isometry3d::Identity());  // of the flange in the frame reached so far
-  std::size_t written = 0;
   const auto write_columns = [&](int frame, bool tilted) {
     for (std::size_t t = 0; t < twists.size(); ++t) {
       const ParameterTwist& twist = twists[t];
       if (twist.frame == frame && twist.tilted == tilted) {
-        ++written;
         auto column = jacobian.col(static_cast<Eigen::Index>(t));
         column.head<3>() = pose.turned_back(twist.linear + twist.angular.cross(pose.position()));
         column.tail<3>() = pose.turned_back(twist.angular);
@@ -297,7 +279,6 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
     pose.put_in_front(chain.links[joint]);
   }
   write_columns(-1, false);
-  require_count("twists in frames of the chain", written, twists.size());
   return pose.pose();
 }
 

@@ -98,4 +98,12 @@ std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& t
   return names;
 }
 
+double arm_length(const ErrorModel& model) {
+  double length = model.tip_origin.p.Norm();
+  for (const MovingJoint& joint : model.joints) {
+    length += joint.origin.p.Norm();
+  }
+  return length;
+}
+
 }  // namespace kdl_calibration

@@ -49,4 +49,7 @@ std::vector<std::string> target_parameter_names(const TargetFrame& target);
 std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& targets,
                                                std::vector<std::string> names = base_parameter_names());
 
+/// [m] sum of the link lengths, base included.
+double arm_length(const ErrorModel& model);
+
 }  // namespace kdl_calibration

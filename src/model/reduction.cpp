@@ -183,10 +183,6 @@ private:
 
 std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
                                       const ColumnLimits& limits, std::vector<bool>* faint) {
-  require_count("marks of candidates", candidate.size(), columns.cols());
-  if (limits.seen.size() != 0) {
-    require_count("norms to be seen", limits.seen.size(), columns.cols());
-  }
   std::vector<bool> kept(static_cast<std::size_t>(columns.cols()), false);
   if (faint != nullptr) {
     *faint = kept;
@@ -301,11 +297,6 @@ private:
 
 Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>& targets,
                         const ReductionOptions& options) {
-  require_at_least("configurations of a reduction", options.configurations, 1);
-  if (options.errors.size() != 0) {
-    require_count("errors of a reduction", options.errors.size(), model.parameters.size());
-  }
-  require_sigma("the noise of a reduction", options.noise);
   CandidateJacobian candidates(model, targets, options);
   const Eigen::MatrixXd stack = candidates.stacked();
   const Eigen::MatrixXd columns = triangular_factor(stack);

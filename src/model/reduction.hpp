@@ -31,9 +31,12 @@ struct Reduction {
       faint;  ///< kept parameters that the other kept ones can nearly replace, so that noise may hide them
 };
 
+/// Configurations at which all parameters that can be told apart move the targets differently.
+constexpr int kGenericConfigurations = 60;
+
 struct ReductionOptions {
-  std::vector<std::string> fixed;  ///< names of known base and target parameters, no candidates
-  int configurations = 60;         ///< generic ones, uniform in ±π (±1 m for prismatic joints)
+  std::vector<std::string> fixed;               ///< names of known base and target parameters, no candidates
+  int configurations = kGenericConfigurations;  ///< uniform in ±π (±1 m for prismatic joints)
   std::uint64_t seed = 1;
   Eigen::VectorXd errors;  ///< geometry for the reduction, one value per parameter; empty: nominal
   double noise = 0.0;      ///< [m] 1 sigma of a measured coordinate: drops parameters that it hides; 0: none

@@ -7,7 +7,6 @@
 
 #include "base/decompositions.hpp"
 #include "base/distributions.hpp"
-#include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "noise/noise_strata.hpp"
@@ -20,8 +19,6 @@ using Eigen::VectorXd;
 
 std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate& estimate,
                                         const Measurements& measurements) {
-  check(measurements, model);
-  check(estimate, model, measurements);
   const Measurements means = averaged(*TrainingRows(measurements));
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, means);
   const std::vector<Observation>& rows = means.observations;
@@ -101,9 +98,6 @@ private:
 
 std::optional<LackOfFit> test_lack_of_fit(const ErrorModel& model, const Measurements& measurements,
                                           const Estimate& estimate, const Unknowns& free) {
-  check(measurements, model);
-  check(estimate, model, measurements);
-  check(free, model, measurements);
   NoiseSample sample = sampled(*TrainingRows(measurements), {});
   for (Observation& observation : sample.measurements.observations) {
     observation.sigma = 0.0;

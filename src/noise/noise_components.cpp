@@ -79,7 +79,6 @@ struct Products {
 }  // namespace
 
 RepeatNoise noise_from_repeats(const Measurements& measurements) {
-  check(measurements);
   const TrainingRows training(measurements);
   const auto& rows = (*training).observations;
   const auto other_repeat = [&](const Observation& o) { return o.repeat != rows.front().repeat; };
@@ -121,10 +120,6 @@ RepeatNoise noise_from_repeats(const Measurements& measurements) {
 }
 
 double ResidualNoise::total() const { return std::hypot(independent, common); }
-
-ResidualNoise noise_from_residuals(const WhitenedSystem& system, int rank, double unit_weight) {
-  return noise_from_residuals(summarised(system), rank, unit_weight);
-}
 
 ResidualNoise noise_from_residuals(const WhitenedSummary& summary, int rank, double unit_weight) {
   const double squares = summary.squares;

@@ -31,6 +31,5 @@ struct ResidualNoise {
   double total() const;
 };
 ResidualNoise noise_from_residuals(const WhitenedSummary& summary, int rank, double unit_weight);
-ResidualNoise noise_from_residuals(const WhitenedSystem& system, int rank, double unit_weight);
 
 }  // namespace kdl_calibration

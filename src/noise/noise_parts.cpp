@@ -6,7 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "estimation/input_check.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "noise/variance_estimation.hpp"
@@ -131,10 +130,6 @@ Variances variances_of(const ResidualOptions& weights, const NoiseStrata& strata
 
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {
-  check(measurements, model);
-  check(estimate, model, measurements);
-  check(free, model, measurements);
-  check(options, measurements);
   // With at least this p-value the stated noise explains the residuals of the means, and no misfit is estimated.
   constexpr double kPValueOfStatedNoise = 0.05;
   const TrainingProblem training({.model = model,
@@ -157,8 +152,6 @@ NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measureme
 }
 
 NoiseParts noise_beside_weights(const FitProblem& fit, const NoiseModel& stated, bool misfits) {
-  check(fit);
-  check(stated);
   const SampledStrata sample(*TrainingProblem(fit), stated);
   VarianceEstimation estimation = sample.estimation(misfits ? PartsAsked::all : PartsAsked::without_misfits);
   if (estimation.unknowns() == 0 || !estimation.match(variances_of(fit.options.joint.residuals, sample.strata()))) {

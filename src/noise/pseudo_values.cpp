@@ -2,8 +2,6 @@
 
 #include <cmath>
 
-#include "base/preconditions.hpp"
-#include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/training_rows.hpp"
@@ -32,9 +30,6 @@ double slope(Loss loss, double w) {
 
 PseudoValues pseudo_values(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                            Loss loss, const std::vector<double>& weights) {
-  check(measurements, model);
-  check(estimate, model, measurements);
-  require_count("weights of rows", weights.size(), measurements.observations.size());
   const TrainingRows training(measurements);
   const std::vector<double> of_training = training.values_of(weights);
   PseudoValues result{.measurements = *training, .row_weights = {}};

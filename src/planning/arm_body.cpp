@@ -171,7 +171,6 @@ std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame
 
 // Does not use KDL's moving segments, which cache their last pose and so are not thread-safe.
 std::vector<Isometry3d> link_frames(const Robot& robot, const Eigen::Ref<const Eigen::VectorXd>& q) {
-  require_count("joint values", q.size(), robot.joints.size());
   std::vector<Isometry3d> frames = {Isometry3d::Identity()};
   Isometry3d moving = Isometry3d::Identity();  // frame of the last moved link
   std::size_t j = 0;
@@ -242,9 +241,6 @@ std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot
                                                                      const std::vector<Capsule>& capsules,
                                                                      double clearance) {
   require_sigma("the clearance", clearance);
-  for (const Capsule& capsule : capsules) {
-    require_index("the frame of a capsule", capsule.frame, robot.chain.getNrOfSegments() + 1);
-  }
   const std::vector<std::size_t> joints = joints_in_front(robot);
   const std::vector<Line> axes = axes_at_zero(robot);
   std::vector<std::pair<std::size_t, std::size_t>> candidates;

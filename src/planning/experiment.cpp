@@ -134,8 +134,6 @@ Regular regular_ones(const std::vector<MatrixXd>& informations, PointRows& rows)
   Regular result;
   bool changed = false;
   for (std::size_t k = 0; k < informations.size(); ++k) {
-    require_count("rows of the information", informations[k].rows(), rows.columns());
-    require_count("columns of the information", informations[k].cols(), rows.columns());
     MatrixXd covariance;
     // The first regular one defines the basis, so that nearly dependent columns lose no digits in packing.
     changed = changed || rows.change_basis(informations[k]);

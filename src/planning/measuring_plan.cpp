@@ -127,8 +127,6 @@ void require_label(const std::string& text) {
 
 double travel_time(const std::vector<MovingJoint>& joints, const Eigen::Ref<const VectorXd>& from,
                    const Eigen::Ref<const VectorXd>& to) {
-  require_count("joint values", from.size(), joints.size());
-  require_count("joint values", to.size(), joints.size());
   double slowest = 0.0;
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const auto k = static_cast<Index>(i);
@@ -149,8 +147,6 @@ double way_time(const std::vector<MovingJoint>& joints, const VectorXd& home, co
 
 std::vector<Index> short_way(const std::vector<MovingJoint>& joints, const VectorXd& home,
                              const MatrixXd& joint_values) {
-  require_count("joint values of home", home.size(), joints.size());
-  require_count("joint values", joint_values.rows(), joints.size());
   const MatrixXd times = travel_times(joints, home, joint_values);
   std::vector<Index> way = nearest_neighbours(times);
   untangle(times, way);

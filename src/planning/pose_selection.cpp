@@ -53,11 +53,6 @@ std::vector<Index> drawn(Index below, int count, Random& random) {
   return all;
 }
 
-void require_information(const Experiment& experiment, const MatrixXd& information) {
-  require_count("rows of the information", information.rows(), columns(experiment));
-  require_count("columns of the information", information.cols(), columns(experiment));
-}
-
 // Least number of configurations that can determine the parameters together with `given`.
 int least_count(const Experiment& experiment, const MatrixXd& given) {
   const VectorXd values = eigenvalues(given);
@@ -75,7 +70,6 @@ void require_possible(const Experiment& experiment, Index candidates, const Matr
     throw InputError(
         fmt::format("{} candidates, expected at least the {} configurations to choose", candidates, options.count));
   }
-  require_information(experiment, given);
   const Index p = columns(experiment);
   const int needed = least_count(experiment, given);
   if (options.count < needed) {
@@ -162,7 +156,6 @@ double figure_of(const Prediction& prediction, Figure figure) {
 
 Selection select_for_accuracy(const Experiment& experiment, const SelectionTask& task, double accuracy, Figure figure,
                               const SelectionOptions& options) {
-  require_information(experiment, task.given);
   double reached = std::numeric_limits<double>::infinity();
   const auto attempt = [&](int count) {
     SelectionOptions with_count = options;
@@ -201,7 +194,6 @@ Selection select_for_accuracy(const Experiment& experiment, const SelectionTask&
 std::vector<MatrixXd> random_designs(const Experiment& experiment, const SelectionTask& task,
                                      const RandomDesigns& designs) {
   const MatrixXd& candidates = task.candidates;
-  require_information(experiment, task.given);
   require_at_least("draws", designs.draws, 0);
   require_at_least("configurations of a design", designs.count, 0);
   require_at_least("candidates", candidates.cols(), designs.count);
@@ -238,8 +230,6 @@ std::vector<MatrixXd> random_designs(const Experiment& experiment, const Selecti
 
 double d_efficiency(const Experiment& experiment, const SelectionTask& task, const MatrixXd& design, int count,
                     int threads) {
-  require_information(experiment, task.given);
-  require_information(experiment, design);
   require_at_least("candidates", task.candidates.cols(), 1);
   constexpr int kRounds = 150;
   const CandidatePool pool(experiment, task.candidates, task.given, threads);

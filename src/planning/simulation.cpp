@@ -46,7 +46,6 @@ std::vector<std::size_t> with_true_errors(const ErrorModel& model, const Reducti
 
 VirtualRobot virtual_robot(const ErrorModel& model, const std::vector<std::size_t>& with_errors,
                            const std::vector<TargetFrame>& targets, const ErrorSizes& sizes, Random& random) {
-  require_indices("parameter", with_errors, model.parameters.size());
   for (const double sigma : {sizes.length, sizes.angle, sizes.base_position, sizes.target_length}) {
     require_sigma("the size of true errors", sigma);
   }
@@ -136,12 +135,10 @@ Eigen::MatrixXd virtual_torques(const ErrorModel& model, const Eigen::MatrixXd& 
 DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::MatrixXd& stops,
                                        const Eigen::MatrixXd& before, const SimulatedSignals& wanted) {
   constexpr std::uint64_t kStream = 2;
-  require_count("joint values", stops.rows(), model.joints.size());
   DrivenConfigurations result{.joint_values = stops, .signals = {}};
   if (wanted.approach) {
     Eigen::MatrixXd all(stops.rows(), before.cols() + stops.cols());
     if (before.size() > 0) {
-      require_count("joint values before", before.rows(), model.joints.size());
       all.leftCols(before.cols()) = before;
     }
     all.rightCols(stops.cols()) = stops;
@@ -204,7 +201,6 @@ Measurements measure(const VirtualRobot& robot, const DrivenConfigurations& driv
          .tracker = noise.tracker,
          .common = noise.common,
          .orientation = noise.orientation_sigma});
-  require_count("joint values", joint_values.rows(), robot.model.joints.size());
   Measurements result;
   result.source = "simulation";
   for (const MovingJoint& joint : robot.model.joints) {

@@ -22,8 +22,6 @@ namespace {
 
 using Eigen::Index;
 
-constexpr Index kConfigurationsOfGauge = 60;  // as in the reduction
-
 // The truth with the estimate's targets only, in their order.
 Estimate with_targets_of(const Estimate& estimate, Estimate truth) {
   std::vector<TargetFrame> targets;
@@ -169,7 +167,7 @@ TruthComparison compare_with_truth(const ErrorModel& model, const Estimate& esti
   check(truth, model, truth.frames.targets.size());
   const Estimate matched = with_targets_of(estimate, truth);
   const Reduction reduction = reduced_model(model, estimate.frames.targets);
-  const Eigen::MatrixXd few = joint_values.leftCols(std::min(kConfigurationsOfGauge, joint_values.cols()));
+  const Eigen::MatrixXd few = joint_values.leftCols(std::min<Index>(kGenericConfigurations, joint_values.cols()));
   TruthComparison result;
   result.truth_in_gauge = truth_in_gauge_of(model, reduction, estimate, matched, few);
   result.gauge_misfit = rms(distances_from_truth(model, result.truth_in_gauge, matched, joint_values));

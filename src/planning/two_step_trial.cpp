@@ -4,7 +4,6 @@
 #include <cmath>
 #include <string>
 
-#include "base/preconditions.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/reduction.hpp"
 
@@ -43,8 +42,6 @@ std::vector<double> changes_of(const std::vector<TwoStepTrialRound>& rounds) {
 }  // namespace
 
 TwoStepTrialResult run_two_step_trial(const TwoStepTrial& trial, Random& random) {
-  require_function("what draws the configurations of a round", trial.configurations);
-  require_count("joint values held out", trial.held_out.rows(), trial.robot.model.joints.size());
   const ErrorModel& model = trial.robot.model;
   const auto fresh = [&] { return measure(trial.robot, trial.configurations(random), trial.noise, random); };
   const Measurements first = fresh();

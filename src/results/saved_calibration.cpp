@@ -65,14 +65,7 @@ double not_negative(const Node& node) {
 std::vector<TargetFrame> targets_of(const Node& top) {
   std::vector<TargetFrame> targets;
   for (const Node& node : elements(member(top, "targets"))) {
-    TargetFrame target;
-    target.name = tree::name(member(node, "name"));
-    target.X_FT.translation() = tree::numbers<3>(member(node, "position"));
-    target.with_orientation = has(node, "quaternion_wxyz");
-    if (target.with_orientation) {
-      target.X_FT.linear() = tree::quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
-    }
-    targets.push_back(target);
+    targets.push_back(target_of(node));
   }
   return targets;
 }
@@ -428,6 +421,17 @@ CalibrationParts parse_calibration(std::string_view json, const Robot& robot, co
 
 CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot) {
   return parse_calibration(read_text_file(result), robot, result.string());
+}
+
+TargetFrame target_of(const Node& node) {
+  TargetFrame target;
+  target.name = tree::name(member(node, "name"));
+  target.X_FT.translation() = tree::numbers<3>(member(node, "position"));
+  target.with_orientation = has(node, "quaternion_wxyz");
+  if (target.with_orientation) {
+    target.X_FT.linear() = tree::quaternion(member(node, "quaternion_wxyz")).toRotationMatrix();
+  }
+  return target;
 }
 
 }  // namespace kdl_calibration

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/json_tree.hpp"
 #include "calibration/calibration_result.hpp"
 #include "calibration/point_predictor.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -37,5 +38,8 @@ std::string hash_of(const Robot& robot);
 /// match its hash.
 CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot);
 CalibrationParts parse_calibration(std::string_view json, const Robot& robot, const std::string& source = "result");
+
+/// {"name", "position"}, and "quaternion_wxyz" if its orientation is measured.
+TargetFrame target_of(const tree::Node& node);
 
 }  // namespace kdl_calibration

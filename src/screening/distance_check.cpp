@@ -208,8 +208,6 @@ std::optional<std::pair<std::size_t, std::size_t>> swap_in_distances(const Measu
 }  // namespace
 
 std::vector<QualityFinding> check_distances(const Measurements& measurements, const QualityOptions& options) {
-  check(measurements);
-  check(options);
   const std::vector<Group> groups = groups_of(measurements);
   const std::vector<double> relative = relative_sigmas(measurements);
   const DistanceLevels distances = distance_levels(measurements, groups, relative, options);

@@ -24,7 +24,6 @@ using Eigen::VectorXd;
 
 constexpr double kByChance = 1e-4;         // probability of any finding among correct measurements
 constexpr double kSmallMisfit = 1e-7;      // [m] with a smaller misfit nothing is gross
-constexpr double kMostOfMisfit = 1.0 / 3;  // largest share that the others keep
 constexpr double kFarOff = 10.0;           // of the others' misfit, for single coordinates and distances
 constexpr double kLeastRestFreedom = 3.0;  // least degrees of freedom of the others
 constexpr double kOnePointAlone = 0.9;     // share of its configuration's decrease
@@ -237,7 +236,7 @@ GrossRows find_gross_rows(const FitProblem& problem) {
     if (!equations) {
       break;
     }
-    if (equations->rms < kMostOfMisfit * kept || is_far_off(search, group, equations->rms)) {
+    if (equations->rms < kMostMisfitLeft * kept || is_far_off(search, group, equations->rms)) {
       kept = equations->rms;
       found.rms_without = kept;
       found.rows = described(search, out);

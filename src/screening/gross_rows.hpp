@@ -25,6 +25,9 @@ struct GrossRows {
   bool beyond_chance = false;  ///< whether a decrease was significant, even if the rest fits hardly better
 };
 
+/// An explanation of the misfit (rows left out, another reading) counts if it leaves less than this share of it.
+constexpr double kMostMisfitLeft = 1.0 / 3.0;
+
 constexpr std::size_t kMostGrossGroups = 20;  ///< that find_gross_rows leaves out
 
 /// The few configurations or points (one of ten at most, up to kMostGrossGroups) without which the others fit more than

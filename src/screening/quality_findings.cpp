@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "base/number_text.hpp"
-#include "base/preconditions.hpp"
 #include "base/robust_statistics.hpp"
 
 namespace kdl_calibration {
@@ -68,12 +67,6 @@ std::string describe(const QualityFinding& finding, bool all) {
 }
 
 }  // namespace
-
-void check(const QualityOptions& options) {
-  require_sigma("the probability of a false alarm", options.false_alarm);
-  require_sigma("the floor of the noise", options.noise_floor);
-  require_sigma("the smallest slip", options.smallest_slip);
-}
 
 std::vector<Group> groups_of(const Measurements& measurements) {
   const auto key = [&](std::size_t row) {

@@ -24,9 +24,6 @@ struct Found {
   std::vector<std::size_t> rows;  // rows responsible for it
 };
 
-/// Throws InputError if a threshold is negative or not finite.
-void check(const QualityOptions& options);
-
 std::vector<Group> groups_of(const Measurements& measurements);
 
 /// Each row's stated sigma over their median; 1 unless all rows state one.

@@ -12,7 +12,6 @@
 
 #include "base/number_range.hpp"
 #include "base/robust_statistics.hpp"
-#include "estimation/input_check.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "screening/change_points.hpp"
@@ -287,9 +286,6 @@ std::vector<Found> rows_out(const Measurements& measurements, const ResidualTabl
 
 std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measurements& measurements,
                                             const Estimate& estimate, const QualityOptions& options) {
-  check(measurements, model);
-  check(estimate, model, measurements);
-  check(options);
   if (!(inflation(measurements, fitted_parameters(estimate)) < kLargestInflation)) {
     return {};
   }

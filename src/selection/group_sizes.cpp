@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "base/dense.hpp"
-#include "base/preconditions.hpp"
 #include "estimation/linear_system.hpp"
 
 namespace kdl_calibration {
@@ -71,12 +70,8 @@ void LinearSums::subtract_from(const LinearSums& all) {
 
 SizeEstimator::SizeEstimator(const LinearSums& sums, const std::vector<Index>& columns, const SizedGroups& groups)
     : size_(sums.information.cols()), equations_(sums.equations) {
-  require_count("rows of sums", sums.information.rows(), size_);
-  require_count("moments of sums", sums.moment.size(), size_);
-  require_indices("column", columns, size_);
   std::vector<bool> is_sized(static_cast<std::size_t>(size_), false);
   for (const std::vector<Index>& group : groups) {
-    require_indices("the column of a group", group, size_);
     std::vector<Index>& places = groups_.emplace_back();
     for (const Index column : group) {
       places.push_back(static_cast<Index>(sized_.size()));

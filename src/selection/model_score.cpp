@@ -28,7 +28,6 @@ constexpr std::size_t kMostSingleFolds = 40;
 constexpr int kFolds = 10;
 constexpr double kEvidenceToPrefer = 2.0;    // gain in log evidence
 constexpr double kEvidenceToAddGroup = 7.0;  // larger, as the best of several gains by chance
-constexpr double kClearlyBetter = 0.98;      // of the held-out RMS
 constexpr double kFileRounding = 1e-9;       // [m] of the numbers in a file
 constexpr double kLeastPrior = 1e-7;         // [m or rad]
 constexpr double kEquations = 1.1;           // least number per column

@@ -51,6 +51,8 @@ bool is_likelier(const ModelScore& one, const ModelScore& other);
 /// For determined models: whether one's held-out error is at most the other's, within a standard error.
 bool predicts_as_well(const ModelScore& one, const ModelScore& other);
 
+/// Share of the other's held-out RMS below which a model predicts clearly better.
+constexpr double kClearlyBetter = 0.98;
 /// Whether one predicts clearly better, or the other is not determined.
 bool is_clearly_better(const ModelScore& one, const ModelScore& other);
 

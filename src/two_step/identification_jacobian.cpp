@@ -2,7 +2,6 @@
 
 #include "base/preconditions.hpp"
 #include "estimation/identification.hpp"
-#include "estimation/input_check.hpp"
 #include "model/error_chains.hpp"
 #include "model/kinematics.hpp"
 #include "two_step/matrix_derivatives.hpp"
@@ -18,8 +17,6 @@ using Eigen::MatrixXd;
 
 MatrixXd identification_jacobian(const ErrorModel& model, const Estimate& estimate, const Unknowns& free,
                                  const Eigen::VectorXd& q) {
-  check(estimate, model, estimate.frames.targets.size());
-  check(free, model, estimate.frames.targets.size());
   if (!free.effects().empty()) {
     refuse_input("the published identification Jacobian has no columns for effects", "none to be free");
   }

@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <kdl/chainjnttojacsolver.hpp>
 
-#include "base/preconditions.hpp"
 #include "model/error_chains.hpp"
 #include "model/manipulator_jacobian.hpp"
 
@@ -45,8 +44,6 @@ std::ptrdiff_t count_of(ChainFactor::Source source, const std::vector<ChainFacto
 
 MatrixProduct matrix_product(const std::vector<ChainFactor>& factors, const Eigen::VectorXd& errors,
                              const Eigen::VectorXd& q) {
-  require_count("errors", errors.size(), count_of(ChainFactor::Source::parameter, factors));
-  require_count("joint values", q.size(), count_of(ChainFactor::Source::joint, factors));
   std::vector<MatrixFactor> matrices;
   matrices.reserve(factors.size());
   for (const ChainFactor& factor : factors) {
@@ -67,14 +64,11 @@ MatrixProduct matrix_product(const std::vector<ChainFactor>& factors, const Eige
 
 Matrix3Xd point_columns(const std::vector<ChainFactor>& factors, const MatrixProduct& product,
                         const std::vector<std::size_t>& which, const Eigen::Vector3d& point) {
-  require_count("derivatives", product.derivatives.size(), factors.size());
   const std::ptrdiff_t parameters = count_of(ChainFactor::Source::parameter, factors);
-  require_indices("parameter", which, parameters);
   const Eigen::Vector4d homogeneous = point.homogeneous();
   Matrix3Xd all = Matrix3Xd::Zero(3, parameters);
   for (std::size_t i = 0; i < factors.size(); ++i) {
     if (factors[i].source == ChainFactor::Source::parameter) {
-      require_index("the factor's parameter", factors[i].index, parameters);
       all.col(static_cast<Eigen::Index>(factors[i].index)) = (product.derivatives[i] * homogeneous).head<3>();
     }
   }
@@ -119,7 +113,6 @@ Matrix6Xd cross_product_jacobian(const FoldedChain& chain, const Eigen::VectorXd
 
 ManipulatorJacobians manipulator_jacobians(const ErrorModel& model, const Eigen::VectorXd& errors,
                                            const Eigen::VectorXd& q) {
-  require_count("joint values", q.size(), model.joints.size());
   ManipulatorJacobians result{.kdl = kdl_jacobian(error_chain(model, errors), q),
                               .matrix_derivative = matrix_derivative_jacobian(model, errors, q),
                               .cross_product = cross_product_jacobian(folded(model, errors), q)};

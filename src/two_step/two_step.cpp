@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/preconditions.hpp"
-#include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/error_chains.hpp"
@@ -88,7 +86,6 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
 }  // namespace
 
 Eigen::Matrix3Xd base_and_tool_rows(const Eigen::Isometry3d& T_robot, Index tool, Index tools) {
-  require_index("the tool", tool, tools);
   Eigen::Matrix3Xd A = Eigen::Matrix3Xd::Zero(3, 6 + 3 * tools);
   A.middleCols<3>(0).setIdentity();
   A.middleCols<3>(3) = skew(T_robot.translation()).transpose();
@@ -111,8 +108,6 @@ Identification identify_in_two_steps(const ErrorModel& model,
                                      const std::function<Measurements(int)>& measurements_of_round,
                                      const Estimate& start, const std::vector<std::size_t>& geometric,
                                      const TwoStepOptions& options) {
-  require_function("what gives the measurements of a round", measurements_of_round);
-  require_indices("parameter", geometric, model.parameters.size());
   Identification result;
   result.estimate = start;  // (i) all errors zero unless the caller states others
   result.termination = Termination::iteration_limit;
@@ -121,8 +116,6 @@ Identification identify_in_two_steps(const ErrorModel& model,
   std::vector<double> effects;
   for (int round = 0; round < options.rounds; ++round) {             // (viii)
     const Measurements measurements = measurements_of_round(round);  // (ii), (iii)
-    check(measurements, model);
-    check(estimate, model, measurements);
     const TrainingRows training(measurements);
     const std::vector<Eigen::Isometry3d> T_robot =
         flange_poses(folded(model, estimate.errors), measurements.joint_values);                    // (iii), (iv)

@@ -8,7 +8,6 @@
 
 #include "base/decompositions.hpp"
 #include "base/dense.hpp"
-#include "base/preconditions.hpp"
 #include "base/singular_values.hpp"
 #include "model/kinematics.hpp"
 #include "uncertainty/unit_columns.hpp"
@@ -86,14 +85,7 @@ MatrixXd undetermined_directions(const MatrixXd& whitened_jacobian) {
   return scale.asDiagonal() * system.V.rightCols(columns - rank);
 }
 
-MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, double unit_weight) {
-  return covariance(summarised(system), noise, unit_weight);
-}
-
 MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight) {
-  const Index columns = summary.sqrt_information.cols();
-  require_count("priors of a summary", summary.priors.cols(), columns);
-  require_count("columns of a summary's sums", summary.sums.cols(), columns);
   const MatrixXd inverse = covariance(summary.sqrt_information, 1.0);
   const double independent = noise.independent * noise.independent * unit_weight;
   const double common = noise.common * noise.common * unit_weight;

@@ -24,6 +24,5 @@ Eigen::MatrixXd undetermined_directions(const Eigen::MatrixXd& whitened_jacobian
 ///   A^-1 (sum J_c^T S_c J_c + priors) A^-1,  A = sum J_c^T J_c + priors,  S_c = independent^2 I + common^2 (ones ⊗ I).
 /// The system must have been whitened by one sigma for all, `unit_weight` = 1 / sigma^2.
 Eigen::MatrixXd covariance(const WhitenedSummary& summary, const ResidualNoise& noise, double unit_weight);
-Eigen::MatrixXd covariance(const WhitenedSystem& system, const ResidualNoise& noise, double unit_weight);
 
 }  // namespace kdl_calibration

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "base/decompositions.hpp"
-#include "base/preconditions.hpp"
 #include "base/singular_values.hpp"
 #include "uncertainty/unit_columns.hpp"
 
@@ -110,7 +109,6 @@ std::vector<std::string> heaviest(const VectorXd& direction, const std::vector<s
 
 Identifiability identifiability(const MatrixXd& jacobian, const std::vector<std::string>& names,
                                 const IdentifiabilityOptions& options) {
-  require_count("names of columns", names.size(), jacobian.cols());
   Identifiability result;
   result.columns = static_cast<int>(jacobian.cols());
   if (jacobian.size() == 0) {

@@ -6,8 +6,6 @@
 #include <vector>
 
 #include "base/decompositions.hpp"
-#include "base/preconditions.hpp"
-#include "estimation/input_check.hpp"
 #include "estimation/residual_options.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
@@ -94,10 +92,6 @@ void judge(const Totals& totals, Influence& result) {
 
 Influence influence(const LeastSquaresProblem& problem, const Measurements& measurements,
                     const ResidualOptions& residuals, const Estimate& estimate, const MatrixXd& sqrt_information) {
-  check(measurements, problem.model());
-  check(estimate, problem.model(), measurements);
-  check(residuals, measurements);
-  require_count("columns of a triangle", sqrt_information.cols(), problem.columns());
   Influence result;
   const Index columns = sqrt_information.cols();
   if (sqrt_information.rows() < columns || columns == 0) {

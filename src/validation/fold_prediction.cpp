@@ -11,8 +11,6 @@
 
 #include "base/decompositions.hpp"
 #include "base/parallel.hpp"
-#include "base/preconditions.hpp"
-#include "estimation/input_check.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
@@ -271,10 +269,6 @@ std::vector<double> distances_of(const FoldPrediction& prediction) {
 }
 
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Index>>& folds, int threads) {
-  check(task.problem);
-  check(folds, task.problem.measurements);
-  require_count("columns of a triangle", task.sqrt_information.cols(), task.problem.free.size());
-  require_sigma("the noise", task.noise);
   const TrainingProblem training(task.problem);
   const FoldTask task_of_training{.problem = *training, .sqrt_information = task.sqrt_information, .noise = task.noise};
   const FoldPredictor predictor(task_of_training, folds);

@@ -7,8 +7,6 @@
 #include <utility>
 
 #include "base/parallel.hpp"
-#include "base/preconditions.hpp"
-#include "estimation/input_check.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/residual_options.hpp"
 #include "estimation/scaled_solver.hpp"
@@ -91,9 +89,6 @@ private:
 
 HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, double noise,
                                int threads) {
-  check(problem);
-  check(folds, problem.measurements);
-  require_sigma("the noise", noise);
   const TrainingProblem training(problem);
   const ConfigurationSums sums(*training, with_rest(folds, (*training).measurements), threads);
   const double settled = std::max(kSettledOfNoise * noise, kExactSum);

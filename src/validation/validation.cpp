@@ -283,8 +283,6 @@ RefittedFold refit_without(const FitProblem& problem, const std::vector<Eigen::I
 
 bool can_be_left_out(const Measurements& measurements, const std::vector<std::vector<Eigen::Index>>& folds,
                      Eigen::Index unknowns) {
-  check(measurements);
-  check(folds, measurements);
   std::vector<Eigen::Index> equations(static_cast<std::size_t>(measurements.joint_values.cols()), 0);
   Eigen::Index all = 0;
   const TrainingRows training(measurements);
@@ -306,8 +304,6 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
 }
 
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads) {
-  check(problem.measurements, problem.model);
-  check(folds, problem.measurements);
   const TrainingProblem training(problem);
   struct FoldPart {
     std::vector<double> distances;

@@ -8,7 +8,6 @@
 
 #include "effects/effect_terms.hpp"
 #include "estimation/identification.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "mistake_table.hpp"
 
 namespace kdl_calibration::alternative_readings_test {
@@ -412,21 +411,6 @@ TEST(AlternativeReadings, TryReadingsBesideTheFramesThatAreKnown) {
   ReadingOptions elsewhere;
   elsewhere.registration.known.bases.resize(1);
   EXPECT_FALSE(has(alternative_readings(m.model, m.data, start, Unknowns(), elsewhere), "joint_sign"));
-}
-
-TEST(AlternativeReadings, RefuseWhatDoesNotHoldTogether) {
-  const Measured m = measured(light_arm(), 1, {.configurations = 6});
-  Estimate estimate = m.truth;
-  estimate.effects.resize(0);
-  Estimate other = estimate;
-  other.frames.targets.pop_back();
-  EXPECT_THROW(alternative_readings(m.model, m.data, other, m.free), InputError);
-  EXPECT_THROW(alternative_readings(large_arm(), m.data, estimate, m.free), InputError) << "another robot";
-  const Measured more = measured(light_arm(), 1, {.configurations = 6, .targets = 5});
-  EXPECT_THROW(alternative_readings(m.model, m.data, estimate, more.free), InputError);
-  ReadingOptions options;
-  options.registration.orientation_length = -1.0;
-  EXPECT_THROW(alternative_readings(m.model, m.data, estimate, m.free, options), InputError);
 }
 
 }  // namespace

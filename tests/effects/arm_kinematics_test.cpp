@@ -127,15 +127,9 @@ TEST(CalibratedArm, WithoutEffectsIsTheRigidChain) {
   }
 }
 
-TEST(CalibratedArm, IsRefusedWithTheValuesOfAnotherModelAndOtherJoints) {
+TEST(CalibratedArm, IsRefusedWithErrorsThatAreNotFinite) {
   const Bent bent(fanuc());
-  const ArmKinematics arm(bent.model, bent.errors, bent.effects);
-  EXPECT_EQ(arm.joints(), 6);
-  Matrix6Xd jacobian;
-  EXPECT_THROW(arm.flange_pose(Eigen::VectorXd::Zero(5)), InputError);
-  EXPECT_THROW(arm.flange_pose(Eigen::VectorXd::Zero(7), jacobian), InputError);
-  EXPECT_THROW(ArmKinematics(bent.model, bent.errors, bent.effects.head(3)), InputError);
-  EXPECT_THROW(ArmKinematics(bent.model, bent.errors.head(10), bent.effects), InputError);
+  EXPECT_EQ(ArmKinematics(bent.model, bent.errors, bent.effects).joints(), 6);
   Eigen::VectorXd odd = bent.errors;
   odd[4] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(ArmKinematics(bent.model, odd, bent.effects), InputError);

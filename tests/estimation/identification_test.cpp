@@ -130,7 +130,7 @@ TEST(Identification, WhatManyCorrelatedPointsSayIsWhatTheirRowsSay) {
   testing::expect_equations_of(rows, found, 1e-11, 1e-9);
   EXPECT_NEAR(found.cost, rows.residual.squaredNorm(), 1e-10 * found.cost);
   EXPECT_NEAR(problem.cost(estimate), found.cost, 1e-12 * found.cost);
-  testing::expect_same_summary(problem.whitened_summary(estimate), summarised(rows), 1e-10);
+  testing::expect_same_summary(problem.whitened_summary(estimate), testing::summarised(rows), 1e-10);
   // Of single repeats the configurations' misfit is one common to a repeat, the targets' one of the points.
   NoiseModel as_repeats;
   as_repeats.independent.setConstant(5e-5);

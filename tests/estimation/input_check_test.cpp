@@ -108,16 +108,13 @@ TEST(InputCheck, FunctionsOfMeasurementsAloneRefuseThoseThatDoNotHoldTogether) {
   const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
   expect_all_refuse({
       TAKES(register_base_and_targets(X_BF, d)),
-      TAKES(check_distances(d)),
       TAKES(make_folds(d, 3)),
-      TAKES(can_be_left_out(d, {{0}, {1}}, 33)),
       TAKES(averaged(d)),
       TAKES(trained_ranges(d)),
       TAKES(training_sample(d, 5)),
       TAKES(joined(m.data, d)),
       TAKES(joined(d, m.data)),
       {"subset", [&](const Measurements& d) { subset(d, [](const Observation&) { return true; }); }},
-      TAKES(noise_from_repeats(d)),
       TAKES(measurements_csv(d)),
   });
 }
@@ -126,9 +123,6 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const Measured& m = sound();
   const Estimate estimate = rigid_truth();
   const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
-  const LeastSquaresProblem problem(m.model, m.data, m.free);
-  const Eigen::MatrixXd sqrt_information = Eigen::MatrixXd::Identity(m.free.size(), m.free.size());
-  const std::vector<double> weights(m.data.observations.size(), 1.0);
   const Experiment experiment = nominal_experiment(m.model, m.truth.frames.targets);
   CalibrationResult calibration;
   calibration.model = m.model;
@@ -139,29 +133,15 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       TAKES(identify_jointly(m.model, d, estimate, m.free)),
       TAKES(identify_robustly(
           {.model = m.model, .measurements = d, .start = estimate, .free = m.free, .options = {.loss = Loss::huber}})),
-      {"identify_in_two_steps",
-       [&](const Measurements& d) {
-         identify_in_two_steps(
-             m.model, [&](int) { return d; }, estimate, m.free.geometric());
-       }},
       TAKES(position_errors(m.model, estimate, d)),
       TAKES(registered(m.model, estimate.errors, d)),
       TAKES(iso_9283(m.model, estimate, d)),
       TAKES(position_errors(X_BF, estimate, d)),
       TAKES(iso_9283(X_BF, estimate, d)),
       TAKES(LeastSquaresProblem(m.model, d, m.free)),
-      TAKES(estimate_noise(m.model, d, estimate, m.free, {})),
-      TAKES(test_lack_of_fit(m.model, d, estimate, m.free)),
-      TAKES(influence(problem, d, {}, estimate, sqrt_information)),
-      TAKES(pseudo_values(m.model, d, estimate, Loss::huber, weights)),
-      TAKES(configurations_outside_limits(m.model, d)),
       TAKES(information(experiment, d)),
       TAKES(residuals_csv(d, calibration)),
       TAKES(result_table(d, calibration)),
-      TAKES(check_residuals(m.model, d, estimate)),
-      TAKES(try_conventions(m.model, d, m.free)),
-      TAKES(alternative_readings(m.model, d, estimate, m.free)),
-      TAKES(explained_by_joints(m.model, estimate, d)),
   });
 }
 

@@ -7,7 +7,6 @@
 #include "effects/effect_terms.hpp"
 #include "estimation/identification.hpp"
 #include "estimation/least_squares.hpp"
-#include "kdl_calibration/input_error.hpp"
 #include "measurements/stations.hpp"
 #include "virtual_experiment.hpp"
 #include "whitened_systems.hpp"
@@ -283,14 +282,6 @@ TEST(DistanceLeastSquares, CostAndGradientAreThoseOfTheDistances) {
   EXPECT_EQ(system.residual.size(), 12 * 3);
   EXPECT_LT((equations.hessian - system.jacobian.transpose() * system.jacobian).norm(),
             1e-10 * equations.hessian.norm());
-}
-
-TEST(StationLeastSquares, AnEstimateOfOneStationIsRefused) {
-  MovedTracker experiment(1);
-  Estimate one = experiment.robot.truth;
-  one.frames.bases.resize(1);
-  const LeastSquaresProblem problem(experiment.model, experiment.measured(), unknowns(experiment));
-  EXPECT_THROW(problem.cost(one), InputError);
 }
 
 }  // namespace

@@ -278,7 +278,7 @@ TEST(LeastSquaresOfManyConfigurations, SummaryIsThatOfTheStackedRows) {
     const Estimate estimate = nominal_start(experiment.model, measured);
     const WhitenedSummary found = problem.whitened_summary(estimate);
     EXPECT_GT(found.priors.norm(), 0.0);
-    testing::expect_same_summary(found, summarised(problem.whitened(estimate)), 1e-12);
+    testing::expect_same_summary(found, testing::summarised(problem.whitened(estimate)), 1e-12);
   }
 }
 

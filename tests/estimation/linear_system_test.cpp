@@ -5,8 +5,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "refusal.hpp"
 #include "support.hpp"
+#include "whitened_systems.hpp"
 
 namespace kdl_calibration::linear_system_test {
 namespace {
@@ -14,7 +14,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using ::testing::HasSubstr;
 using testing::random_matrix;
 
 TEST(LinearSystem, ScalesInformationToAUnitDiagonal) {
@@ -82,7 +81,7 @@ void expect_summary(const WhitenedSystem& system, const std::vector<Index>& poin
     squares_of_sums += e.squaredNorm();
   }
   const MatrixXd information = system.jacobian.transpose() * system.jacobian;
-  const WhitenedSummary found = summarised(system);
+  const WhitenedSummary found = testing::summarised(system);
   EXPECT_EQ(found.rows, system.jacobian.rows());
   EXPECT_EQ(found.measured_rows, measured);
   EXPECT_EQ(found.sqrt_information.rows(), std::min(system.jacobian.rows(), columns));
@@ -103,26 +102,6 @@ TEST(WhitenedSummary, IsThatOfTheRowsHoweverManyThereAre) {
     expect_summary(random_system(points, 3, 11, random), points);
   }
   expect_summary(random_system({2, 3}, 0, 4, random), {2, 3});
-}
-
-TEST(WhitenedSummary, IsOfASystemThatHoldsTogether) {
-  Random random(3);
-  const WhitenedSystem sound = random_system({1, 2}, 1, 3, random);
-  const auto refused = [&](auto spoil) {
-    WhitenedSystem spoilt = sound;
-    spoil(spoilt);
-    return testing::refusal([&] { summarised(spoilt); });
-  };
-  EXPECT_THAT(refused([](auto& s) { s.residual.conservativeResize(9); }), HasSubstr("9 residuals of a system"));
-  EXPECT_THAT(refused([](auto& s) { s.blocks.clear(); }), HasSubstr("0 blocks of a system"));
-  EXPECT_THAT(refused([](auto& s) { s.blocks.back() = 11; }), HasSubstr("the block's row 11"));
-  EXPECT_EQ(refused([](auto& s) { s.blocks.back() = 9; }), "nothing was refused");
-  EXPECT_EQ(refused([](auto& s) {
-              s.blocks = {0, 3, 10};
-              s.residual[9] = 0.0;
-            }),
-            "nothing was refused");
-  EXPECT_THAT(refused([](auto& s) { s.blocks = {3, 0, 9}; }), HasSubstr("first rows of blocks go back"));
 }
 
 }  // namespace

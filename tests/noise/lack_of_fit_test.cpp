@@ -14,7 +14,6 @@
 #include "model/kinematics.hpp"
 #include "noise/noise_strata.hpp"
 #include "record.hpp"
-#include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
@@ -225,26 +224,6 @@ TEST(LackOfFit, NothingIsExplainedWhereNothingIsLeft) {
     o.position() = predicted_point(trial.estimate, X_BF, o);
   }
   EXPECT_EQ(explained_by_joints(trial.experiment.model, trial.estimate, trial.measured), std::vector<double>(6, 0.0));
-}
-
-TEST(LackOfFit, RefusesWhatDoesNotHoldTogether) {
-  using testing::refusal;
-  const Trial trial(1, {2, 2, 2, 2}, {"base.Tx"}, 0.0);
-  const ErrorModel& model = trial.experiment.model;
-  Measurements measured = trial.measured;
-  measured.joints[0] = "another";
-  Estimate estimate = trial.estimate;
-  estimate.errors.conservativeResize(3);
-  const VirtualExperiment three;
-  const Unknowns free(three.model, three.targets, {"C.x"});
-  const auto expect = [](const std::string& message, const std::string& part) {
-    EXPECT_NE(message.find(part), std::string::npos) << message;
-  };
-  expect(refusal([&] { test_lack_of_fit(model, measured, trial.estimate, trial.free); }), "another");
-  expect(refusal([&] { test_lack_of_fit(model, trial.measured, estimate, trial.free); }), "3 errors");
-  expect(refusal([&] { test_lack_of_fit(model, trial.measured, trial.estimate, free); }), "coordinate of targets 12");
-  expect(refusal([&] { explained_by_joints(model, trial.estimate, measured); }), "another");
-  expect(refusal([&] { explained_by_joints(model, estimate, trial.measured); }), "3 errors");
 }
 
 }  // namespace

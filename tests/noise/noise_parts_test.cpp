@@ -27,7 +27,6 @@
 #include "noise/noise_components.hpp"
 #include "planning/simulation.hpp"
 #include "record.hpp"
-#include "refusal.hpp"
 #include "robot/joint_ranges.hpp"
 #include "virtual_experiment.hpp"
 
@@ -695,32 +694,6 @@ TEST(NoiseParts, AreThoseOfTheTrainingRows) {
   EXPECT_EQ(estimate_noise(fit.model, more, fit.start, fit.free, {}).variances, expected.variances);
   EXPECT_EQ(noise_beside_weights(with_measurements(fit, more), {}, true).variances,
             noise_beside_weights(fit, {}, true).variances);
-}
-
-TEST(NoiseParts, RefuseWhatDoesNotHoldTogether) {
-  using testing::refusal;
-  const Small small(6);
-  const ErrorModel& model = small.experiment.model;
-  Measurements measured = small.measured;
-  measured.joints[0] = "another";
-  Estimate estimate = small.estimate;
-  estimate.errors.conservativeResize(3);
-  const std::vector<TargetFrame> four = published_targets(4);
-  const Unknowns free(model, four, {"D.x"});
-  ResidualOptions options;
-  options.priors.length = -1.0;
-  NoiseModel stated;
-  stated.misfit = -1.0;
-  const auto expect = [](const std::string& message, const std::string& part) {
-    EXPECT_NE(message.find(part), std::string::npos) << message;
-  };
-  expect(refusal([&] { estimate_noise(model, measured, small.estimate, small.free, {}); }), "another");
-  expect(refusal([&] { estimate_noise(model, small.measured, estimate, small.free, {}); }), "3 errors");
-  expect(refusal([&] { estimate_noise(model, small.measured, small.estimate, free, {}); }), "coordinate of targets 18");
-  expect(refusal([&] { estimate_noise(model, small.measured, small.estimate, small.free, options); }), "prior of");
-  const FitProblem fit{.model = model, .measurements = small.measured, .start = small.estimate, .free = small.free};
-  expect(refusal([&] { noise_beside_weights(with_measurements(fit, measured), {}, true); }), "another");
-  expect(refusal([&] { noise_beside_weights(fit, stated, true); }), "misfit");
 }
 
 void expect_coverage(const std::vector<Truth>& sorts, int runs, double tolerance) {

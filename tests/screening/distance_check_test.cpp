@@ -7,7 +7,6 @@
 
 #include "base/random.hpp"
 #include "model/kinematics.hpp"
-#include "refusal.hpp"
 #include "screening/data_quality.hpp"
 #include "screening/messages.hpp"
 
@@ -19,7 +18,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::messages;
-using testing::refusal;
 
 /// A tool with these points in places and orientations at random, and what is needed to move one of the points in its
 /// own frame.
@@ -152,14 +150,6 @@ TEST(DistanceCheck, ASwapIsAsFarAsItsTargetsAreApart) {
   EXPECT_THAT(messages(found), ElementsAre("targets B and E are swapped in configuration 9"));
   ASSERT_FALSE(found.empty());
   EXPECT_NEAR(found[0].amount, (kSix[1] - kSix[4]).norm(), 5e-5);
-}
-
-TEST(DistanceCheck, RefusesWhatDoesNotHoldTogether) {
-  Tool tool(kTriangle, 4, 1, 1e-5, Random(9));
-  EXPECT_THAT(messages(check_distances(tool.measured)), IsEmpty());
-  EXPECT_THAT(refusal([&] { check_distances(tool.measured, {.smallest_slip = -1.0}); }), HasSubstr("smallest slip"));
-  tool.measured.observations[2].position().y() = std::nan("");
-  EXPECT_THAT(refusal([&] { check_distances(tool.measured); }), HasSubstr("observation 2"));
 }
 
 }  // namespace

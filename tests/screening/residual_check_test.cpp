@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "planning/simulation.hpp"
-#include "refusal.hpp"
 #include "screening/data_quality.hpp"
 #include "screening/messages.hpp"
 #include "support.hpp"
@@ -21,7 +20,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::messages;
-using testing::refusal;
 
 const ErrorModel& arm() {
   static const ErrorModel model = complete_model(testing::fanuc());
@@ -284,17 +282,6 @@ TEST(DataQuality, ASlipAndARowThatIsOffAreDifferentMatters) {
   EXPECT_THAT(where_of(known), ElementsAre("slip 12/0B", "9/1B"));
   slip(3, {0.0, -0.004, 0.0});
   EXPECT_THAT(where_of(known), ElementsAre("slip 12/0B", "slip 12/0D", "9/1B"));
-}
-
-TEST(ResidualCheck, RefusesWhatDoesNotHoldTogether) {
-  Known known({.seed = 16});
-  EXPECT_THAT(messages(known.findings()), IsEmpty());
-  EXPECT_THAT(refusal([&] { known.findings({.noise_floor = -1.0}); }), HasSubstr("the floor of the noise"));
-  Known estimate = known;
-  estimate.truth.frames.targets.pop_back();
-  EXPECT_THAT(refusal([&] { estimate.findings(); }), HasSubstr("targets of an estimate"));
-  known.measured.observations[2].position().y() = std::nan("");
-  EXPECT_THAT(refusal([&] { known.findings(); }), HasSubstr("observation 2"));
 }
 
 }  // namespace

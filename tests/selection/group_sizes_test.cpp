@@ -7,7 +7,6 @@
 #include <cmath>
 
 #include "base/random.hpp"
-#include "refusal.hpp"
 
 namespace kdl_calibration::group_sizes_test {
 namespace {
@@ -259,21 +258,6 @@ TEST(GroupSizes, WithoutGroupsTheNoiseIsWhatTheFreeColumnsLeave) {
   EXPECT_NEAR(found.sigma, (rows.y - J * x).norm() / std::sqrt(28.0), 1e-12);
   EXPECT_LT((found.values.head<2>() - x).norm(), 1e-12);
   EXPECT_TRUE(found.values.tail<7>().isZero(0.0));
-}
-
-TEST(GroupSizes, RefuseSumsAndColumnsThatDoNotFit) {
-  using testing::refusal;
-  const Rows rows(12, 30, 0.3, 0.2, 0.1);
-  LinearSums sums = rows.sums();
-  const SizedGroups beyond = {{2, 9}};
-  const std::string last = " is not there, expected an index below 9";
-  EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 9}, rows.groups); }), "column 9" + last);
-  EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 1}, beyond); }), "the column of a group 9" + last);
-  sums.moment.conservativeResize(8);
-  EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 1}, {}); }), "8 moments of sums, expected 9");
-  sums = rows.sums();
-  sums.information.conservativeResize(8, 9);
-  EXPECT_EQ(refusal([&] { SizeEstimator(sums, {0, 1}, {}); }), "8 rows of sums, expected 9");
 }
 
 }  // namespace

@@ -9,7 +9,6 @@
 
 #include "estimation/residual_options.hpp"
 #include "record.hpp"
-#include "refusal.hpp"
 #include "uncertainty/published_arm.hpp"
 #include "virtual_experiment.hpp"
 
@@ -21,7 +20,6 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using testing::column_errors;
 using testing::published;
-using testing::refusal;
 using testing::VirtualExperiment;
 using testing::without_sigmas;
 
@@ -208,25 +206,6 @@ TEST(Influence, IsEmptyWhereTheTriangleDoesNotDetermineAllColumns) {
   const Unknowns none(experiment.model, experiment.targets, {});
   const LeastSquaresProblem fixed(experiment.model, measured, none);
   EXPECT_TRUE(influence(fixed, measured, {}, experiment.robot.truth, MatrixXd(3, 0)).configurations.empty());
-}
-
-TEST(Influence, RefusesWhatDoesNotHoldTogether) {
-  VirtualExperiment experiment = published();
-  const Measurements sound = without_sigmas(experiment.measure(12, {.sigma = 1e-4}));
-  const Estimate& truth = experiment.robot.truth;
-  const LeastSquaresProblem problem(experiment.model, sound, experiment.free);
-  const MatrixXd sqrt_information = problem.whitened_summary(truth).sqrt_information;
-  Measurements measured = sound;
-  measured.joints[0] = "another";
-  EXPECT_REFUSED("another", influence(problem, measured, {}, truth, sqrt_information));
-  Estimate estimate = truth;
-  estimate.errors.conservativeResize(3);
-  EXPECT_REFUSED("3 errors", influence(problem, sound, {}, estimate, sqrt_information));
-  ResidualOptions options;
-  options.row_weights.assign(sound.observations.size(), -1.0);
-  EXPECT_REFUSED("weight", influence(problem, sound, options, truth, sqrt_information));
-  EXPECT_EQ(refusal([&] { influence(problem, sound, {}, truth, sqrt_information.leftCols(5)); }),
-            "5 columns of a triangle, expected 33");
 }
 
 }  // namespace
