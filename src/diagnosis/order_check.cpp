@@ -384,13 +384,14 @@ std::optional<OrderFinding> best_finding(const ErrorModel& model, const Measurem
 }  // namespace
 
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
-                                        const Estimate& estimate, const Unknowns& free, double least_share) {
-  constexpr double kLeastShareToLook = 0.25;  // share of `least_share` required without effects in the model
-  if (!best_finding(model, measurements, estimate, free, kLeastShareToLook * least_share)) {
+                                        const Estimate& estimate, const Unknowns& free) {
+  constexpr double kLeastShare = 0.4;
+  constexpr double kLeastShareToLook = 0.25;  // of that share, without effects in the model
+  if (!best_finding(model, measurements, estimate, free, kLeastShareToLook * kLeastShare)) {
     return std::nullopt;
   }
   const ModelWithEffects wide = with_free_effects(model, measurements, estimate, free);
-  return best_finding(wide.model, measurements, wide.estimate, wide.free, least_share);
+  return best_finding(wide.model, measurements, wide.estimate, wide.free, kLeastShare);
 }
 
 }  // namespace kdl_calibration

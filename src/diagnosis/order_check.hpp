@@ -28,10 +28,10 @@ struct OrderFinding {
 /// leave enough freedom, effects of gravity and gains.
 /// A visit is a configuration's repeat. Visits are ordered by Measurements::order, else by their first rows. A finding
 /// must be significant (F test, false alarm 1e-5 over all places, as if a configuration's points had the same misfit).
-/// It must explain `least_share` of the squares, and more than leaving out a single visit. A step of the base also
+/// It must explain 40 % of the squares, and more than leaving out a single visit. A step of the base also
 /// needs points on both sides that determine a pose, i.e. not all on a line. The measurements must be training rows
 /// only.
 std::optional<OrderFinding> check_order(const ErrorModel& model, const Measurements& measurements,
-                                        const Estimate& estimate, const Unknowns& free, double least_share = 0.4);
+                                        const Estimate& estimate, const Unknowns& free);
 
 }  // namespace kdl_calibration

@@ -13,14 +13,13 @@ namespace kdl_calibration {
 class ArmKinematics {
 public:
   /// The model of a calibration, fitted or read back, with the `errors` and `effects` of its estimate; an empty vector
-  /// means no effects. Throws InputError for vectors of the wrong size, values that are not finite, and effects of
-  /// measured torques (see flange_poses). The direction of approach counts as unknown.
+  /// means no effects. Throws InputError for values that are not finite, and effects of measured torques (see
+  /// flange_poses). The direction of approach counts as unknown.
   ArmKinematics(const ErrorModel& model, const Eigen::VectorXd& errors, const Eigen::VectorXd& effects);
 
   Eigen::Index joints() const { return static_cast<Eigen::Index>(model_.joints.size()); }
 
-  /// X_BF at joint values `q`, as measurements give them: one per joint, mimic joints included [rad or m]. Throws
-  /// InputError for another number of values.
+  /// X_BF at joint values `q`, as measurements give them: one per joint, mimic joints included [rad or m].
   Eigen::Isometry3d flange_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
   /// The same; fills `jacobian` (6 x joints) with the flange's twist in the base frame per unit of each of these

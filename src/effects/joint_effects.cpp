@@ -135,13 +135,6 @@ void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<co
   }
 }
 
-MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values) {
-  if (values.size() == 0 || values.isZero(0.0)) {
-    return joint_values;
-  }
-  return effective_joint_values(model, values, joint_values, effect_basis(model, joint_values));
-}
-
 MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values,
                                 const DriveSignals& signals) {
   if (values.size() == 0 || values.isZero(0.0)) {

@@ -70,9 +70,7 @@ void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const
 /// The joint values including effects, for the folded chain: motion_size x N, or joints x N if all values are zero.
 /// `values` holds one value per term of the model; empty means none.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
-                                       const Eigen::MatrixXd& joint_values);
-Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
-                                       const Eigen::MatrixXd& joint_values, const DriveSignals& signals);
+                                       const Eigen::MatrixXd& joint_values, const DriveSignals& signals = {});
 /// The same with effect_basis(model, joint_values) computed before.
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& basis);

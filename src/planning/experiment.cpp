@@ -52,7 +52,7 @@ NoiseModel noise_model(const PointNoise& noise) {
 }
 
 Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetFrame>& targets, const PointNoise& noise,
-                              const Priors& priors, const std::vector<std::string>& fixed) {
+                              const Priors& priors) {
   Experiment experiment{.model = at_stations_of({}, model),
                         .errors = {},
                         .targets = targets,
@@ -69,7 +69,7 @@ Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetF
     target.with_orientation = false;
   }
   experiment.errors = VectorXd::Zero(static_cast<Index>(model.parameters.size()));
-  const Reduction reduction = reduced_model(model, experiment.targets, {.fixed = fixed});
+  const Reduction reduction = reduced_model(model, experiment.targets);
   experiment.free = Unknowns(model, experiment.targets, reduction.kept);
   return experiment;
 }

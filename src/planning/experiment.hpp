@@ -37,10 +37,9 @@ struct Experiment {
   Priors priors;
 };
 
-/// The irreducible model at the nominal geometry. Base and target parameters named in `fixed` are known, thus not free.
+/// The irreducible model at the nominal geometry.
 Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetFrame>& targets,
-                              const PointNoise& noise = {}, const Priors& priors = {},
-                              const std::vector<std::string>& fixed = {});
+                              const PointNoise& noise = {}, const Priors& priors = {});
 
 /// Number of free parameters: p.
 Eigen::Index columns(const Experiment& experiment);

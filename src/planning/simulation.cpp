@@ -93,11 +93,6 @@ VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random) {
   return robot;
 }
 
-void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
-                 double sigma, Random& random) {
-  add_effects(robot, groups, DrivenConfigurations{.joint_values = joint_values, .signals = {}}, sigma, random);
-}
-
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const DrivenConfigurations& driven,
                  double sigma, Random& random) {
   require_sigma("the size of true effects", sigma);

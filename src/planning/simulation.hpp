@@ -53,11 +53,8 @@ VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
 /// within a few metres. measure() divides the configurations among them, in their order.
 VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random);
 
-/// Gives the robot every term of these groups that `joint_values` (joints x N) can tell apart, with normally
-/// distributed coefficients of 1 sigma `sigma` [rad or m].
-void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const Eigen::MatrixXd& joint_values,
-                 double sigma, Random& random);
-/// The same, including terms that are functions of signals.
+/// Gives the robot every term of these groups that the configurations can tell apart, with normally distributed
+/// coefficients of 1 sigma `sigma` [rad or m].
 void add_effects(VirtualRobot& robot, const std::vector<EffectGroup>& groups, const DrivenConfigurations& driven,
                  double sigma, Random& random);
 

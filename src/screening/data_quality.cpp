@@ -29,10 +29,10 @@ std::string to_string(QualityKind kind) {
 }
 
 std::vector<QualityFinding> check_measurements(const ErrorModel& model, const Measurements& measurements,
-                                               const Estimate& estimate, const QualityOptions& options) {
-  std::vector<QualityFinding> findings = check_residuals(model, measurements, estimate, options);
+                                               const Estimate& estimate) {
+  std::vector<QualityFinding> findings = check_residuals(model, measurements, estimate);
   const std::size_t of_residuals = findings.size();
-  for (QualityFinding& finding : check_distances(measurements, options)) {
+  for (QualityFinding& finding : check_distances(measurements)) {
     const bool named = std::any_of(findings.begin(), findings.begin() + static_cast<std::ptrdiff_t>(of_residuals),
                                    [&](const QualityFinding& other) { return same_matter(other, finding); });
     if (!named) {

@@ -47,11 +47,12 @@ struct QualityOptions {
   double smallest_slip = 3.0;  ///< in sigma of one configuration; a model misfit can imitate smaller slips
   int segment = 3;             ///< least configurations on either side of a slip, of 10 at least in all
 };
+constexpr QualityOptions kQuality{};
 
 /// Checks the distances between targets, which are constant on a rigid tool. Needs no robot. Displacements are lower
 /// bounds. If the distances cannot decide between two targets, both are named. Slips normal to the plane of the targets
 /// and swaps that preserve all distances go unnoticed. All rows are checked, train and test.
-std::vector<QualityFinding> check_distances(const Measurements& measurements, const QualityOptions& options = {});
+std::vector<QualityFinding> check_distances(const Measurements& measurements);
 
 /// Checks the residuals of a preliminary fit. Wrong rows must not have spoiled it: use identify_robustly, or a fit from
 /// a near start. Slips are searched in the residuals of each target in the flange frame, in order of the
@@ -61,13 +62,12 @@ std::vector<QualityFinding> check_distances(const Measurements& measurements, co
 /// it. Test rows are checked too, against the larger of the scatter of the train rows and their own. A robust fit may
 /// have ignored a row of high leverage h, so the limits are divided by sqrt(1 - h). h is 2.5 times the mean p / n, for
 /// p unknowns (base, targets, nonzero errors and effects) and n equations (repeats counted once). Empty if that factor
-/// exceeds 5: with so few measurements a robust fit may follow any of them. Throws InputError if the estimate has
-/// another number of targets.
+/// exceeds 5: with so few measurements a robust fit may follow any of them.
 std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measurements& measurements,
-                                            const Estimate& estimate, const QualityOptions& options = {});
+                                            const Estimate& estimate);
 
 /// Both checks: the findings of the residuals, then those of the distances for other targets and configurations.
 std::vector<QualityFinding> check_measurements(const ErrorModel& model, const Measurements& measurements,
-                                               const Estimate& estimate, const QualityOptions& options = {});
+                                               const Estimate& estimate);
 
 }  // namespace kdl_calibration

@@ -46,7 +46,7 @@ void for_pairs(const std::vector<std::size_t>& rows, const Visit& visit) {
 }
 
 DistanceLevels distance_levels(const Measurements& measurements, const std::vector<Group>& groups,
-                               const std::vector<double>& relative, const QualityOptions& options) {
+                               const std::vector<double>& relative) {
   std::map<Pair, Repeats> by_pair;
   for (const Group& group : groups) {
     for_pairs(group.rows, [&](std::size_t a, std::size_t b) {
@@ -63,7 +63,7 @@ DistanceLevels distance_levels(const Measurements& measurements, const std::vect
   // The distances of m points have only 3m - 6 degrees of freedom.
   const double freedom = std::max(3.0 * static_cast<double>(measurements.targets.size()) - 6.0, 1.0);
   const double independent = std::min(freedom / std::max(static_cast<double>(by_pair.size()), 1.0), 1.0);
-  std::vector<Levels> levels = find_levels(all, 0.0, independent, options);
+  std::vector<Levels> levels = find_levels(all, 0.0, independent, kQuality);
   DistanceLevels result;
   std::size_t next = 0;
   double fitted = 0.0;
@@ -79,9 +79,9 @@ DistanceLevels distance_levels(const Measurements& measurements, const std::vect
       centred.push_back((distance(measurements, a, b) - level.at(group.configuration)[0]) / sigma);
     });
   }
-  const Scatter scatter = scatter_of(centred, fitted, options.noise_floor);
+  const Scatter scatter = scatter_of(centred, fitted, kQuality.noise_floor);
   result.limit = scatter.sigma *
-                 threshold(options.false_alarm, static_cast<double>(centred.size()), 1, independent * scatter.freedom);
+                 threshold(kQuality.false_alarm, static_cast<double>(centred.size()), 1, independent * scatter.freedom);
   for (double& value : centred) {
     value = std::abs(value);
   }
@@ -207,10 +207,10 @@ std::optional<std::pair<std::size_t, std::size_t>> swap_in_distances(const Measu
 
 }  // namespace
 
-std::vector<QualityFinding> check_distances(const Measurements& measurements, const QualityOptions& options) {
+std::vector<QualityFinding> check_distances(const Measurements& measurements) {
   const std::vector<Group> groups = groups_of(measurements);
   const std::vector<double> relative = relative_sigmas(measurements);
-  const DistanceLevels distances = distance_levels(measurements, groups, relative, options);
+  const DistanceLevels distances = distance_levels(measurements, groups, relative);
   std::vector<QualityFinding> findings = slips_in_distances(measurements, distances);
   std::vector<Found> all_found;
   for (const Group& group : groups) {

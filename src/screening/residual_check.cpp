@@ -83,15 +83,15 @@ double inflation(const Measurements& measurements, double fitted) {
 constexpr double kLargestInflation = 5.0;
 
 void set_limits(const Measurements& measurements, double fitted, const std::vector<double>& relative,
-                const QualityOptions& options, ResidualTable& table) {
+                ResidualTable& table) {
   const double coordinates = fitted_coordinates(measurements);
   const double rest = coordinates - fitted;
   const double train =
-      std::sqrt(coordinates / rest) * sigma_of_rows(measurements, table, relative, Split::train, options.noise_floor);
-  const double test = std::max(train, sigma_of_rows(measurements, table, relative, Split::test, options.noise_floor));
+      std::sqrt(coordinates / rest) * sigma_of_rows(measurements, table, relative, Split::train, kQuality.noise_floor);
+  const double test = std::max(train, sigma_of_rows(measurements, table, relative, Split::test, kQuality.noise_floor));
   const auto rows = measurements.observations.size();
   const double limit = inflation(measurements, fitted) *
-                       threshold(options.false_alarm, 3.0 * static_cast<double>(rows), 1, kEfficiency * rest);
+                       threshold(kQuality.false_alarm, 3.0 * static_cast<double>(rows), 1, kEfficiency * rest);
   std::vector<double> sizes;
   for (std::size_t row = 0; row < rows; ++row) {
     for (Index axis = 0; axis < 3; ++axis) {
@@ -106,8 +106,7 @@ void set_limits(const Measurements& measurements, double fitted, const std::vect
   }
 }
 
-ResidualTable residual_table(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
-                             const QualityOptions& options) {
+ResidualTable residual_table(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate) {
   ResidualTable table;
   table.X_WF = flange_poses(model, estimate, measurements);
   const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
@@ -131,12 +130,12 @@ ResidualTable residual_table(const ErrorModel& model, const Measurements& measur
     all.push_back(series_of(target, 3));
   }
   const double fitted = fitted_parameters(estimate);
-  table.levels = find_levels(all, fitted, 1.0, options);
+  table.levels = find_levels(all, fitted, 1.0, kQuality);
   for (const Observation& observation : measurements.observations) {
     table.residuals.emplace_back(observation.position() - table.expected(static_cast<std::size_t>(observation.target),
                                                                          observation.configuration));
   }
-  set_limits(measurements, fitted, relative_sigmas(measurements), options, table);
+  set_limits(measurements, fitted, relative_sigmas(measurements), table);
   return table;
 }
 
@@ -285,12 +284,12 @@ std::vector<Found> rows_out(const Measurements& measurements, const ResidualTabl
 }  // namespace
 
 std::vector<QualityFinding> check_residuals(const ErrorModel& model, const Measurements& measurements,
-                                            const Estimate& estimate, const QualityOptions& options) {
+                                            const Estimate& estimate) {
   if (!(inflation(measurements, fitted_parameters(estimate)) < kLargestInflation)) {
     return {};
   }
   const std::vector<Group> groups = groups_of(measurements);
-  const ResidualTable table = residual_table(model, measurements, estimate, options);
+  const ResidualTable table = residual_table(model, measurements, estimate);
   std::vector<QualityFinding> findings = slips_in_residuals(measurements, table);
   std::vector<Found> all_found;
   for (const Group& group : groups) {

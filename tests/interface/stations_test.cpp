@@ -295,7 +295,8 @@ TEST(Stations, AutomaticChoicesAndFoldsWorkWithSeveral) {
 // No fit to the others predicts the only configuration of a station, whose name may be mistyped. All others count.
 TEST(Stations, OfOneConfigurationLeaveTheAutomaticChoices) {
   Tracker experiment(8);
-  add_effects(experiment.robot, {EffectGroup::gravity}, experiment.configurations(60), 1e-3, experiment.random);
+  add_effects(experiment.robot, {EffectGroup::gravity}, {.joint_values = experiment.configurations(60)}, 1e-3,
+              experiment.random);
   Measurements measurements = experiment.measured(60, 3e-5);
   measurements.stations.emplace_back("S4");
   for (Observation& observation : measurements.observations) {

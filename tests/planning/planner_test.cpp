@@ -87,7 +87,7 @@ TEST(Planner, OnTopOfACalibrationItsTermsAreTheOnesItFound) {
   testing::VirtualExperiment arm(
       {.model = model, .with_errors = {{2, 4, 8}}, .sizes = {.length = 5e-4, .angle = 5e-4}, .random = Random(5)});
   const MatrixXd q = arm.configurations(60);
-  add_effects(arm.robot, {EffectGroup::gravity}, q, 3e-4, arm.random);
+  add_effects(arm.robot, {EffectGroup::gravity}, {.joint_values = q}, 3e-4, arm.random);
   const Measurements measured = arm.measure(q, {.sigma = 3e-5});
   const CalibrationSettings options{.selection = {.effects = {.groups = {EffectGroup::gravity}}},
                                     .validation = {.held_out = false},

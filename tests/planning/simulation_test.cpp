@@ -56,7 +56,7 @@ TEST(Simulation, DrawsEffectsOfTheStatedSizeAndMeasuresWithThem) {
   double count = 0.0;
   for (int i = 0; i < 60; ++i) {
     VirtualRobot robot = virtual_robot(model, all_parameters(model), published_targets(), {}, random);
-    add_effects(robot, {EffectGroup::gain, EffectGroup::harmonics}, q, 2e-4, random);
+    add_effects(robot, {EffectGroup::gain, EffectGroup::harmonics}, {.joint_values = q}, 2e-4, random);
     ASSERT_EQ(robot.model.effects.size(), static_cast<std::size_t>(robot.truth.effects.size()));
     squares += robot.truth.effects.squaredNorm();
     count += static_cast<double>(robot.truth.effects.size());

@@ -143,7 +143,7 @@ TEST_F(TruthComparison, ParametersStandBesideTheTruthWithTheirNominalValues) {
 TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
   const MatrixXd q = configurations(60);
   VirtualRobot bent{.model = model, .truth = truth};
-  add_effects(bent, {EffectGroup::harmonics, EffectGroup::gravity}, q, 3e-4, experiment.random);
+  add_effects(bent, {EffectGroup::harmonics, EffectGroup::gravity}, {.joint_values = q}, 3e-4, experiment.random);
 
   // An estimate that knows them differs in nothing.
   Estimate knowing = estimate;
@@ -176,7 +176,7 @@ TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
 
 TEST_F(TruthComparison, ArmsUnderGravityOfAnotherDirectionAreNotOneModel) {
   VirtualRobot bent{.model = model, .truth = truth};
-  add_effects(bent, {EffectGroup::gravity}, configurations(60), 3e-4, experiment.random);
+  add_effects(bent, {EffectGroup::gravity}, {.joint_values = configurations(60)}, 3e-4, experiment.random);
   ErrorModel on_a_wall = model;
   on_a_wall.gravity = {1.0, 0.0, 0.0};
   EXPECT_EQ(as_one_model(on_a_wall, estimate, bent).model.gravity, model.gravity) << "it has no effects of its own";

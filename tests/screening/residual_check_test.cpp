@@ -69,9 +69,7 @@ struct Known {
       return o.configuration == configuration && o.target == target && o.repeat == repeat;
     });
   }
-  std::vector<QualityFinding> findings(const QualityOptions& options = {}) const {
-    return check_residuals(model, measured, truth, options);
-  }
+  std::vector<QualityFinding> findings() const { return check_residuals(model, measured, truth); }
 };
 
 TEST(ResidualCheck, HasNothingToSayWhereARobustFitMayFollowAnyRow) {
