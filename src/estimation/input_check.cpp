@@ -79,10 +79,6 @@ void check(const Unknowns& free, const ErrorModel& model, std::size_t targets) {
   require_indices("the free coordinate of targets", free.of(UnknownGroup::targets), 6 * targets);
 }
 
-void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements) {
-  check(free, model, measurements.targets.size());
-}
-
 void check(const Priors& priors) {
   require_sigma("the prior of lengths", priors.length);
   require_sigma("the prior of angles", priors.angle);

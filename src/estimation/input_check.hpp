@@ -22,8 +22,7 @@ void check(const Measurements& measurements, const ErrorModel& model);
 void check(const Estimate& estimate, const ErrorModel& model, const Measurements& measurements);
 void check(const Estimate& estimate, const ErrorModel& model, std::size_t targets);
 
-/// Indices of existing parameters and effects, and of coordinates of measured targets.
-void check(const Unknowns& free, const ErrorModel& model, const Measurements& measurements);
+/// Indices of existing parameters and effects, and of coordinates of targets.
 void check(const Unknowns& free, const ErrorModel& model, std::size_t targets);
 
 /// Sigmas that are finite and not negative.

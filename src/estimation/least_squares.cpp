@@ -9,7 +9,6 @@
 
 #include "base/decompositions.hpp"
 #include "estimation/block_pass.hpp"
-#include "estimation/input_check.hpp"
 #include "estimation/lane_pass.hpp"
 #include "estimation/observed_data.hpp"
 #include "estimation/residual_options.hpp"
@@ -34,14 +33,6 @@ LeastSquaresProblem::Workspace::Workspace() : content_(std::make_unique<Content>
 LeastSquaresProblem::Workspace::~Workspace() = default;
 
 namespace {
-
-const ErrorModel& checked(const ErrorModel& model, const Measurements& measurements, const Unknowns& unknowns,
-                          const ResidualOptions& options) {
-  check(measurements, model);
-  check(unknowns, model, measurements);
-  check(options, measurements);
-  return model;
-}
 
 // The rotations as motions of the base, in `count` columns. None if a column of the base is fixed.
 MatrixXd motions_of_base(const LooseRotations& loose, const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns,
@@ -76,7 +67,7 @@ struct LeastSquaresProblem::Data {
 
   Data(const ErrorModel& the_model, const Measurements& measurements, const Unknowns& the_unknowns,
        const ResidualOptions& options)
-      : model(checked(the_model, measurements, the_unknowns, options)),
+      : model(the_model),
         unknowns(the_unknowns),
         one_station(the_model.has_open_bases ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
                                              : nullptr),

@@ -23,15 +23,9 @@ constexpr Index kTasksOfWorst = 5000;
 constexpr Index kSampleOfBasis = 1000;
 
 std::string undetermined(const Experiment& experiment, const MatrixXd& joint_values) {
-  const PointRows rows(experiment);
-  const Index height = rows.points().S.rows();
-  MatrixXd stacked(height * joint_values.cols(), rows.columns());
-  for (Index c = 0; c < joint_values.cols(); ++c) {
-    stacked.middleRows(c * height, height) = rows.rows(rows.points(), joint_values.col(c));
-  }
   const auto names = experiment.free.names();
   std::string message = "all candidates together do not determine the parameters, expected wider joint ranges";
-  for (const auto& group : identifiability(stacked, names).tied) {
+  for (const auto& group : identifiability(PointRows(experiment).stacked(joint_values), names).tied) {
     message += "; cannot tell apart:";
     for (const std::string& name : group) {
       message += " " + name;

@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "base/parallel.hpp"
-#include "base/preconditions.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/registration.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -233,19 +232,12 @@ Prediction mean_of(const std::vector<Prediction>& predictions) {
 }
 
 double floor_of_worst_configuration(const Experiment& experiment, int count) {
-  require_at_least("configurations", count, 1);
   const auto points = static_cast<double>(experiment.targets.size()) * count;
   return experiment.noise.sigma * std::sqrt(static_cast<double>(columns(experiment)) / points);
 }
 
 ObservabilityIndices observability_indices(const Experiment& experiment, const MatrixXd& joint_values) {
-  const PointRows rows(experiment);
-  const Index height = rows.points().S.rows();
-  MatrixXd stacked(height * joint_values.cols(), rows.columns());
-  for (Index c = 0; c < joint_values.cols(); ++c) {
-    stacked.middleRows(c * height, height) = rows.rows(rows.points(), joint_values.col(c));
-  }
-  return observability_indices(stacked, joint_values.cols());
+  return observability_indices(PointRows(experiment).stacked(joint_values), joint_values.cols());
 }
 
 }  // namespace kdl_calibration

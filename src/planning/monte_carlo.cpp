@@ -6,25 +6,13 @@
 #include <utility>
 
 #include "base/parallel.hpp"
-#include "base/preconditions.hpp"
 #include "base/thinned.hpp"
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
-#include "estimation/input_check.hpp"
 #include "planning/experiment.hpp"
 
 namespace kdl_calibration {
 namespace {
-
-void require_whole(const MonteCarlo& experiment) {
-  check(experiment.model);
-  require_at_least("runs", experiment.runs, 1);
-  require_at_least("targets", experiment.targets.size(), 1);
-  require_function("what draws the configurations to fit", experiment.train);
-  require_function("what draws the configurations to predict", experiment.test);
-  require_at_least("as number of the first run", experiment.first, 0);
-  require_indices("parameter", experiment.with_errors, experiment.model.parameters.size());
-}
 
 struct Run {
   std::vector<double> distances;  // ordered by configuration
@@ -51,7 +39,6 @@ Run one_run(const MonteCarlo& experiment, std::uint64_t stream) {
 }  // namespace
 
 MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
-  require_whole(experiment);
   std::vector<Run> runs(static_cast<std::size_t>(experiment.runs));
   std::mutex mutex;
   std::size_t done = 0;
@@ -101,7 +88,6 @@ MonteCarloResult run_monte_carlo(const MonteCarlo& experiment) {
 }
 
 std::vector<double> predicted_errors(const MonteCarlo& experiment) {
-  require_whole(experiment);
   constexpr int kRuns = 20;
   constexpr Eigen::Index kConfigurations = 30;
   std::vector<double> sigmas;

@@ -136,6 +136,15 @@ MatrixXd PointRows::rows(const PointBlock& block, const Eigen::Ref<const VectorX
 }
 
 // A tracker's noise depends on where the points are; else whitening is the same for every configuration.
+MatrixXd PointRows::stacked(const MatrixXd& joint_values) const {
+  const Index height = points_.S.rows();
+  MatrixXd result(height * joint_values.cols(), columns());
+  for (Index c = 0; c < joint_values.cols(); ++c) {
+    result.middleRows(c * height, height) = rows(points_, joint_values.col(c));
+  }
+  return result;
+}
+
 MatrixXd PointRows::whitened(const Eigen::Ref<const VectorXd>& q) const {
   if (!noise_.tracker) {
     return rows(whitened_, q);

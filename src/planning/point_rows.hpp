@@ -45,6 +45,8 @@ public:
   Matrix6Xd jacobian(const Eigen::Ref<const Eigen::VectorXd>& q) const;
   /// [S J, E] for one of the blocks.
   Eigen::MatrixXd rows(const PointBlock& block, const Eigen::Ref<const Eigen::VectorXd>& q) const;
+  /// The rows of all targets in each of these configurations (joints x N).
+  Eigen::MatrixXd stacked(const Eigen::MatrixXd& joint_values) const;
   /// A: rows of all targets, whitened to unit noise.
   Eigen::MatrixXd whitened(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 

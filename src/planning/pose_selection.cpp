@@ -194,8 +194,6 @@ Selection select_for_accuracy(const Experiment& experiment, const SelectionTask&
 std::vector<MatrixXd> random_designs(const Experiment& experiment, const SelectionTask& task,
                                      const RandomDesigns& designs) {
   const MatrixXd& candidates = task.candidates;
-  require_at_least("draws", designs.draws, 0);
-  require_at_least("configurations of a design", designs.count, 0);
   require_at_least("candidates", candidates.cols(), designs.count);
   std::vector<std::vector<Index>> chosen(static_cast<std::size_t>(designs.draws));
   parallel_for(chosen.size(), designs.threads, [&](std::size_t d) {

@@ -42,7 +42,6 @@ struct Sound {
   VectorXd q = VectorXd::Zero(6);
   VectorXd few = VectorXd::Zero(3);
   MatrixXd few_rows = MatrixXd::Zero(3, 4);
-  std::vector<std::size_t> beyond = {1000};
 
   static ErrorModel with_effects(ErrorModel model) {
     model.effects = load_terms(model);
@@ -149,19 +148,10 @@ TEST(Doors, OfTheSimulationRefuseWhatDoesNotFit) {
   const MatrixXd q = MatrixXd::Zero(6, 2);
   Estimate alone = s.estimate;
   alone.frames.targets.resize(1);
-  const auto draw = [](Random&) -> MatrixXd { return MatrixXd::Zero(6, 2); };
-  const MonteCarlo nowhere{
-      .model = s.model, .with_errors = s.beyond, .targets = s.estimate.frames.targets, .train = draw, .test = draw};
-  const MonteCarlo empty{.model = s.model, .targets = s.estimate.frames.targets, .train = draw};
-  const MonteCarlo no_target{.model = s.model, .train = draw, .test = draw};
   EXPECT_CLOSED("the size of true errors", virtual_robot(s.model, {}, {}, {.angle = kNaN}, random));
   EXPECT_CLOSED("the size of true effects", add_effects(robot, {}, {.joint_values = q}, -1.0, random));
   EXPECT_CLOSED("3 errors", measure(broken, q, {}, random));
   EXPECT_CLOSED("negative or not finite", measure(robot, q, {.sigma = kNaN}, random));
-  EXPECT_CLOSED("parameter 1000", run_monte_carlo(nowhere));
-  EXPECT_CLOSED("is empty, expected a function", run_monte_carlo(empty));
-  EXPECT_CLOSED("0 targets", run_monte_carlo(no_target));
-  EXPECT_CLOSED("is empty, expected a function", predicted_errors(empty));
   EXPECT_CLOSED("3 errors", as_one_model(s.model, broken.truth, robot));
   EXPECT_CLOSED("1 targets of the truth", distances_from_truth(s.model, s.estimate, alone, q));
   EXPECT_CLOSED("3 errors", compare_with_truth(s.model, s.estimate, broken.truth, q));
@@ -183,7 +173,6 @@ TEST(Doors, OfThePlanningRefuseWhatDoesNotFit) {
   EXPECT_CLOSED("the clearance", pairs_to_keep_apart(s.robot, {}, kNaN));
   EXPECT_CLOSED("-1 candidates", candidates(s.robot, targets, {.ranges = limits_of(joints)}, {.count = -1}));
   EXPECT_CLOSED("3 errors of an estimate", information(short_one, q));
-  EXPECT_CLOSED("0 configurations", floor_of_worst_configuration(experiment, 0));
   EXPECT_CLOSED("40 candidates, expected at least 41",
                 random_designs(experiment, {q, none}, {.count = 41, .draws = 2}));
   EXPECT_CLOSED("0 candidates, expected at least 1", make_plan(request));

@@ -75,7 +75,7 @@ std::vector<std::pair<Spoil, std::string>> spoilt() {
 TEST(InputCheck, AcceptsWhatTheReaderMakes) {
   EXPECT_NO_THROW(check(sound().data, sound().model));
   EXPECT_NO_THROW(check(rigid_truth(), sound().model, sound().data));
-  EXPECT_NO_THROW(check(sound().free, sound().model, sound().data));
+  EXPECT_NO_THROW(check(sound().free, sound().model, sound().data.targets.size()));
   EXPECT_NO_THROW(check(ResidualOptions{}, sound().data));
   EXPECT_NO_THROW(check(RegistrationOptions{}));
 }
@@ -130,7 +130,6 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   expect_all_refuse({
       TAKES(calibrate(m.model, d)),
       TAKES(nominal_start(m.model, d)),
-      TAKES(identify_jointly(m.model, d, estimate, m.free)),
       TAKES(identify_robustly(
           {.model = m.model, .measurements = d, .start = estimate, .free = m.free, .options = {.loss = Loss::huber}})),
       TAKES(position_errors(m.model, estimate, d)),
@@ -138,7 +137,6 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
       TAKES(iso_9283(m.model, estimate, d)),
       TAKES(position_errors(X_BF, estimate, d)),
       TAKES(iso_9283(X_BF, estimate, d)),
-      TAKES(LeastSquaresProblem(m.model, d, m.free)),
       TAKES(information(experiment, d)),
       TAKES(residuals_csv(d, calibration)),
       TAKES(result_table(d, calibration)),
@@ -184,11 +182,12 @@ TEST(InputCheck, RefusesEstimatesAndParametersThatDoNotFit) {
   longer.parameters.push_back(longer.parameters.back());
   longer.parameters.back().name += " again";
   const Unknowns beyond = m.free.with(longer, UnknownGroup::geometric, {m.model.parameters.size()});
-  EXPECT_REFUSED("the free geometric parameter", identify_jointly(m.model, m.data, rigid_truth(), beyond));
+  const std::size_t targets = m.data.targets.size();
+  EXPECT_REFUSED("the free geometric parameter", check(beyond, m.model, targets));
   ErrorModel elastic = m.model;
   elastic.effects = load_terms(m.model);
   const Unknowns with_effect = m.free.with(elastic, UnknownGroup::effects, {0});
-  EXPECT_REFUSED("the free effect 0 is not there", identify_jointly(m.model, m.data, rigid_truth(), with_effect));
+  EXPECT_REFUSED("the free effect 0 is not there", check(with_effect, m.model, targets));
   EXPECT_REFUSED("2 errors", origin_corrections(m.model, Eigen::VectorXd::Zero(2)));
 }
 
@@ -209,10 +208,8 @@ TEST(InputCheck, RefusesSigmasAndPriorsThatAreNegativeOrNotFinite) {
       EXPECT_REFUSED("0 or more", calibrate(sound().model, sound().data, options)) << i;
     }
   }
-  JointOptions weights;
-  weights.residuals.row_weights = {1.0, 1.0};
-  EXPECT_REFUSED("2 weights of rows",
-                 identify_jointly(sound().model, sound().data, rigid_truth(), sound().free, weights));
+  const ResidualOptions weights{.row_weights = {1.0, 1.0}};
+  EXPECT_REFUSED("2 weights of rows", check(weights, sound().data));
 }
 
 }  // namespace

@@ -26,9 +26,7 @@ namespace kdl_calibration::covariance_test {
 namespace {
 
 using Eigen::Index;
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 using testing::column_errors;
 using testing::published;
