@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "diagnosis/alternative_readings.hpp"
-#include "diagnosis/trial_fit.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "interface/calibration_parts.hpp"

@@ -85,6 +85,18 @@ TEST(StationRegistration, HoldsWhatIsKnown) {
   EXPECT_EQ(exact.frames.targets.front().X_FT.matrix(), experiment.robot.truth.frames.targets.front().X_FT.matrix());
 }
 
+TEST(StationRegistration, HoldsAKnownTargetThatNoTrainingRowShows) {
+  MovedTracker experiment(4);
+  Measurements measurements = experiment.measured();
+  for (Observation& observation : measurements.observations) {
+    observation.split = observation.target == 2 ? Split::test : Split::train;
+  }
+  const TargetFrame& known = experiment.robot.truth.frames.targets[2];
+  const Registration found = experiment.registered(measurements, {.known = {.targets = {known}}});
+  EXPECT_EQ(found.frames.targets[2].X_FT.matrix(), known.X_FT.matrix());
+  EXPECT_LT(experiment.distance(found), 1e-9);
+}
+
 Estimate nearby(const MovedTracker& experiment) {
   Estimate estimate = experiment.robot.truth;
   estimate.errors *= 0.5;
