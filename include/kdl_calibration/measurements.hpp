@@ -63,10 +63,14 @@ using Reading = std::variant<Point, Pose, Coordinates, Distance>;
 /// `AnyReading` is Reading or const Reading.
 template <class AnyReading>
 auto& position_of(AnyReading& reading) {
-  if (auto* const point = std::get_if<Point>(&reading)) return point->position;
-  if (auto* const pose = std::get_if<Pose>(&reading)) return pose->position;
-  if (auto* const some = std::get_if<Coordinates>(&reading)) return some->position;
-  return std::get<Distance>(reading).anchor;
+  const auto of_kind = [](auto& kind) -> auto& {
+    if constexpr (requires { kind.anchor; }) {
+      return kind.anchor;
+    } else {
+      return kind.position;
+    }
+  };
+  return std::visit(of_kind, reading);
 }
 
 /// One row of the file: all that is known of it.

@@ -152,6 +152,16 @@ void add_swing(const ErrorModel& model, std::size_t joint, Sinusoid swing, std::
   }
 }
 
+// None of a joint that slides.
+void add_swings(const ErrorModel& model, std::size_t joint, const std::vector<Sinusoid>& swings,
+                std::vector<EffectTerm>& terms) {
+  for (const Sinusoid& swing : swings) {
+    if (!slides(model, joint)) {
+      add_swing(model, joint, swing, terms);
+    }
+  }
+}
+
 constexpr double kLeastScale = 0.05;  // least standard deviation of a function of unit size
 constexpr double kNew = 0.05;         // least part of a function not explained by others of its joint
 
@@ -207,21 +217,30 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
   const Stops stops{.q = joint_values, .signals = signals, .frames = joint_frames_of_all(model, joint_values)};
   std::vector<EffectTerm> all;
   for (std::size_t joint = 0; joint < model.joints.size(); ++joint) {
-    if (group == EffectGroup::gravity) {
-      add_gravity(model, joint, all);
-    } else if (group == EffectGroup::transverse) {
-      add_transverse(model, joint, all);
-    } else if (group == EffectGroup::gain) {
-      all.push_back(term_of(model, joint, JointGain{}));
-    } else if (group == EffectGroup::backlash) {
-      add_backlash(model, joint, stops, all);
-    } else if (group == EffectGroup::torque) {
-      add_torque(model, joint, stops, all);
-    } else if (!slides(model, joint) && group == EffectGroup::ripple) {
-      add_swing(model, joint, {.times = kUsualRipple, .is_ripple = true}, all);
-    } else if (!slides(model, joint)) {
-      add_swing(model, joint, {.times = 1.0}, all);
-      add_swing(model, joint, {.times = 2.0}, all);
+    switch (group) {
+      case EffectGroup::gravity:
+        add_gravity(model, joint, all);
+        break;
+      case EffectGroup::transverse:
+        add_transverse(model, joint, all);
+        break;
+      case EffectGroup::gain:
+        all.push_back(term_of(model, joint, JointGain{}));
+        break;
+      case EffectGroup::backlash:
+        add_backlash(model, joint, stops, all);
+        break;
+      case EffectGroup::torque:
+        add_torque(model, joint, stops, all);
+        break;
+      case EffectGroup::ripple:
+        add_swings(model, joint, {{.times = kUsualRipple, .is_ripple = true}}, all);
+        break;
+      case EffectGroup::harmonics:
+        add_swings(model, joint, {{.times = 1.0}, {.times = 2.0}}, all);
+        break;
+      case EffectGroup::tables:
+        break;  // of all joints together, above
     }
   }
   return distinguishable_terms(model, all, stops);

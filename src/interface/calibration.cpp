@@ -12,6 +12,7 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/version.hpp"
+#include "measurements/readings.hpp"
 #include "model/error_chains.hpp"
 #include "results/calibrated_urdf.hpp"
 
@@ -85,6 +86,12 @@ std::string hash_of(const Measurements& measurements) {
       add(value);
     }
   };
+  const auto add_kind = ByKind{[](const Point&) {}, [&](const Pose& pose) { add_each(pose.orientation.coeffs()); },
+                               [&](const Coordinates& some) {
+                                 add_each(some.normal);
+                                 add(some.count);
+                               },
+                               [&](const Distance& distance) { add(distance.length); }};
   add_each(measurements.joint_values);
   add_each(measurements.signals.approach);
   add_each(measurements.signals.torques);
@@ -92,16 +99,7 @@ std::string hash_of(const Measurements& measurements) {
   for (const Observation& row : measurements.observations) {
     add(row.reading.index());
     add_each(row.position());
-    if (const Orientation* const orientation = row.orientation()) {
-      add_each(orientation->coeffs());
-    }
-    if (const auto* const some = std::get_if<Coordinates>(&row.reading)) {
-      add_each(some->normal);
-      add(some->count);
-    }
-    if (const auto* const distance = std::get_if<Distance>(&row.reading)) {
-      add(distance->length);
-    }
+    std::visit(add_kind, row.reading);
     add(row.sigma);
     add(row.order.has_value());
     add(row.order.value_or(0));

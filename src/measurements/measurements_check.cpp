@@ -38,20 +38,25 @@ template <class Refuse>
 void require_sound(const Reading& reading, const Refuse& refuse_row) {
   constexpr double kUnitQuaternion = 1e-3;
   constexpr double kUnitVector = 1e-9;
-  if (const auto* const pose = std::get_if<Pose>(&reading)) {
-    if (!(std::abs(pose->orientation.norm() - 1.0) <= kUnitQuaternion)) {
-      refuse_row("the orientation is no unit quaternion");
-    }
-  } else if (const auto* const some = std::get_if<Coordinates>(&reading)) {
-    const bool is_unit = std::abs(some->normal.norm() - 1.0) <= kUnitVector;
-    if (!is_unit || (some->count != 1 && some->count != 2)) {
-      refuse_row("its directions are none, expected 1 or 2 coordinates and a unit vector");
-    }
-  } else if (const auto* const distance = std::get_if<Distance>(&reading)) {
-    if (!std::isfinite(distance->length) || distance->length <= 0.0) {
-      refuse_row(fmt::format("a distance of {}, expected one above 0", distance->length));
-    }
-  }
+  const auto check_kind =
+      ByKind{[](const Point&) {},
+             [&](const Pose& pose) {
+               if (!(std::abs(pose.orientation.norm() - 1.0) <= kUnitQuaternion)) {
+                 refuse_row("the orientation is no unit quaternion");
+               }
+             },
+             [&](const Coordinates& some) {
+               const bool is_unit = std::abs(some.normal.norm() - 1.0) <= kUnitVector;
+               if (!is_unit || (some.count != 1 && some.count != 2)) {
+                 refuse_row("its directions are none, expected 1 or 2 coordinates and a unit vector");
+               }
+             },
+             [&](const Distance& distance) {
+               if (!std::isfinite(distance.length) || distance.length <= 0.0) {
+                 refuse_row(fmt::format("a distance of {}, expected one above 0", distance.length));
+               }
+             }};
+  std::visit(check_kind, reading);
 }
 
 void require_sound(const Measurements& measurements, std::size_t row) {

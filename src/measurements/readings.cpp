@@ -11,25 +11,24 @@ using Eigen::Matrix3Xd;
 using Eigen::Vector3d;
 
 Vector3d measured_minus_predicted(const Reading& reading, const Vector3d& f) {
-  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
-    return directions(*some) * (some->position - f);
-  }
-  if (const auto* const distance = std::get_if<Distance>(&reading)) {
-    return (distance->length - (f - distance->anchor).norm()) * from_anchor(distance->anchor, f);
-  }
-  const auto* const pose = std::get_if<Pose>(&reading);
-  return (pose == nullptr ? std::get<Point>(reading).position : pose->position) - f;
+  return std::visit(ByKind{[&](const Point& point) -> Vector3d { return point.position - f; },
+                           [&](const Pose& pose) -> Vector3d { return pose.position - f; },
+                           [&](const Coordinates& some) -> Vector3d { return directions(some) * (some.position - f); },
+                           [&](const Distance& distance) -> Vector3d {
+                             return (distance.length - (f - distance.anchor).norm()) * from_anchor(distance.anchor, f);
+                           }},
+                    reading);
 }
 
 Matrix3d directions(const Reading& reading, const Vector3d& f) {
-  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
-    return directions(*some);
-  }
-  if (const auto* const distance = std::get_if<Distance>(&reading)) {
-    const Vector3d n = from_anchor(distance->anchor, f);
-    return n * n.transpose();
-  }
-  return Matrix3d::Identity();
+  return std::visit(ByKind{[](const Point&) -> Matrix3d { return Matrix3d::Identity(); },
+                           [](const Pose&) -> Matrix3d { return Matrix3d::Identity(); },
+                           [](const Coordinates& some) -> Matrix3d { return directions(some); },
+                           [&](const Distance& distance) -> Matrix3d {
+                             const Vector3d n = from_anchor(distance.anchor, f);
+                             return n * n.transpose();
+                           }},
+                    reading);
 }
 
 Matrix3d directions(const Coordinates& coordinates) {

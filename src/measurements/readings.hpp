@@ -9,6 +9,14 @@
 
 namespace kdl_calibration {
 
+/// A function for each kind of reading, as one for std::visit, which does not compile if a kind has none.
+template <class... Functions>
+struct ByKind : Functions... {
+  using Functions::operator()...;
+};
+template <class... Functions>
+ByKind(Functions...) -> ByKind<Functions...>;
+
 /// Measured minus predicted position [m] in W, for a point predicted at f: P (z - f), or n (d - |f - a|) for a distance
 /// d from an anchor a.
 Eigen::Vector3d measured_minus_predicted(const Reading& reading, const Eigen::Vector3d& f);
@@ -20,10 +28,10 @@ Eigen::Matrix3d directions(const Coordinates& coordinates);
 
 /// Number of measured coordinates of the position, the rank of P: 1, 2 or 3.
 inline int dimension(const Reading& reading) {
-  if (const auto* const some = std::get_if<Coordinates>(&reading)) {
-    return some->count;
-  }
-  return std::holds_alternative<Distance>(reading) ? 1 : 3;
+  return std::visit(
+      ByKind{[](const Point&) { return 3; }, [](const Pose&) { return 3; },
+             [](const Coordinates& some) { return static_cast<int>(some.count); }, [](const Distance&) { return 1; }},
+      reading);
 }
 /// Their sum over all rows.
 int dimension(const Measurements& measurements);
