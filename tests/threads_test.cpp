@@ -142,7 +142,7 @@ std::vector<Asked> methods_of_estimation() {
   const PriorRows rows = prior_rows(free, {.priors = {.length = 1e-3, .angle = 1e-3}, .noise = {}, .row_weights = {}});
   return {
       {"Unknowns::with", [&] { return free.with(s.model, UnknownGroup::base, {1}).names(); }},
-      {"Unknowns::with_all", [&] { return free.with_all(s.model, UnknownGroup::geometric).names(); }},
+      {"Unknowns::with_group", [&] { return free.with_group(s.model, UnknownGroup::geometric).names(); }},
       {"Unknowns::without", [&] { return free.without(UnknownGroup::targets).names(); }},
       {"Unknowns::subset", [&] { return free.subset(std::vector<bool>(free.columns().size(), true)).names(); }},
       {"Unknowns::size", [&] { return free.size(); }},

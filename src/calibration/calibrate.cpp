@@ -55,7 +55,7 @@ ParameterSelection earlier_parameters(const ErrorModel& model, ParameterSelectio
   std::copy_if(earlier.prior.names.begin(), earlier.prior.names.end(), std::back_inserter(chosen.free), is_geometric);
   chosen.complete = chosen.free;
   chosen.reduction = select_parameters(model, earlier.targets, options).reduction;
-  chosen.reduction.faint.clear();
+  chosen.reduction.replaceable.clear();
   return chosen;
 }
 
@@ -144,7 +144,7 @@ FitProblem selected_problem(const FitProblem& rigid, const ErrorModel& model, co
   FitProblem problem{.model = model,
                      .measurements = rigid.measurements,
                      .start = rigid.start,
-                     .free = rigid.free.with_all(model, UnknownGroup::effects),
+                     .free = rigid.free.with_group(model, UnknownGroup::effects),
                      .options = rigid.options};
   problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.effects.size()));
   ResidualOptions& residuals = problem.options.joint.residuals;

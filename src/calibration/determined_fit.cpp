@@ -278,7 +278,7 @@ DeterminedFit fit_determined_parameters(const FitProblem& problem, const Paramet
       result = fit_via_complete_model(problem, complete, rules, result);
     }
   }
-  if (chosen && has_converged(result.identification) && !result.reduction.faint.empty()) {
+  if (chosen && has_converged(result.identification) && !result.reduction.replaceable.empty()) {
     result = fix_parameters_below_noise(problem, rules, std::move(result));
   }
   return result;

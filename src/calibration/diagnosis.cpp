@@ -52,8 +52,8 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
 
 // The findings that remain valid given other readings of the data. A moved base is not reported as a slipped target,
 // and residuals of misread data say nothing about single rows.
-std::vector<QualityFinding> beside_readings(const std::vector<AlternativeReading>& readings,
-                                            const Measurements& measurements, std::vector<QualityFinding> findings) {
+std::vector<QualityFinding> remaining_findings(const std::vector<AlternativeReading>& readings,
+                                               const Measurements& measurements, std::vector<QualityFinding> findings) {
   const auto any = [&](const auto& matches) {
     return std::any_of(readings.begin(), readings.end(),
                        [&](const AlternativeReading& reading) { return reading.doubt && matches(reading.cause); });
@@ -133,7 +133,7 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
   result.gross_rows = std::move(gross_rows);
   result.alternative_readings = with_progress(task.progress, "trying other readings of the data",
                                               [&] { return readings(found, measurements, result.gross_rows, task); });
-  result.findings = beside_readings(result.alternative_readings, measurements, std::move(findings));
+  result.findings = remaining_findings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);
   if (holds_where_measured(found, result.doubts, task.ambiguity)) {
     result.reservation = std::move(result.doubts.front());

@@ -100,7 +100,7 @@ std::vector<std::string> missing_parameters(const CalibrationResult& found, Mode
 // Whether each station has but one point. An arm of any size reaches it: no length is known.
 bool has_no_length(const Measurements& measurements) {
   for (std::size_t station = 0; station < measurements.stations.size(); ++station) {
-    if (loose_rotations(rows_of_station(measurements, station).measurements).axes.cols() < 3) {
+    if (undetermined_rotations(rows_of_station(measurements, station).measurements).axes.cols() < 3) {
       return false;
     }
   }

@@ -210,7 +210,7 @@ private:
     if (!options_.registration.known.bases.empty()) {
       RegistrationOptions anywhere = options_.registration;
       anywhere.known.bases.clear();
-      const Unknowns free = sample_.free.with_all(model_, UnknownGroup::base);
+      const Unknowns free = sample_.free.with_group(model_, UnknownGroup::base);
       const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
       consider(Cause::known_base, "the base fitted instead of taken as known",
                sample_.freedom < 6.0

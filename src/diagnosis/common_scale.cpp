@@ -60,7 +60,7 @@ struct NormalSums {
 NormalSums normal_sums(const ErrorModel& model, Measurements measurements, const Estimate& fit, const Unknowns& free) {
   constexpr double kStep = 1e-3;
   measurements = longer(without_orientations(std::move(measurements)), 1.0);
-  const Unknowns complete = free.with_all(model, UnknownGroup::geometric);
+  const Unknowns complete = free.with_group(model, UnknownGroup::geometric);
   const auto linearised = [&](const Measurements& rows, const Unknowns& unknowns) {
     NormalEquations equations = LeastSquaresProblem(model, rows, unknowns).linearise(fit);
     equations.hessian = MatrixXd(equations.hessian.selfadjointView<Eigen::Lower>());

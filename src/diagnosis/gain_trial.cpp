@@ -19,7 +19,7 @@ std::optional<GainTrial> try_gains(const ErrorModel& model, const Measurements& 
   const Unknowns rigid = free.without(UnknownGroup::effects);
   const Estimate without = identify_jointly(wide, measurements, from, rigid).estimate;
   const Estimate with =
-      identify_jointly(wide, measurements, from, rigid.with_all(wide, UnknownGroup::effects)).estimate;
+      identify_jointly(wide, measurements, from, rigid.with_group(wide, UnknownGroup::effects)).estimate;
   Index largest = 0;
   if (wide.effects.empty() || !plausible(wide, with.errors) || !(with.effects.cwiseAbs().maxCoeff(&largest) > 0.0)) {
     return std::nullopt;

@@ -347,7 +347,7 @@ ModelWithEffects with_free_effects(const ErrorModel& model, const Measurements& 
   } else if (estimate.effects.size() == 0) {
     result.estimate.effects = VectorXd::Zero(static_cast<Index>(result.model.effects.size()));
   }
-  result.free = free.with_all(result.model, UnknownGroup::effects);
+  result.free = free.with_group(result.model, UnknownGroup::effects);
   constexpr double kRest = 1.5;  // least number of equations per column
   const auto cells =
       static_cast<double>(measurements.joint_values.cols()) * static_cast<double>(measurements.targets.size());

@@ -35,14 +35,14 @@ LeastSquaresProblem::Workspace::~Workspace() = default;
 namespace {
 
 // The rotations as motions of the base, in `count` columns. None if a column of the base is fixed.
-MatrixXd motions_of_base(const LooseRotations& loose, const Eigen::Isometry3d& X_WB, const std::array<int, 6>& columns,
-                         Index count) {
+MatrixXd motions_of_base(const UndeterminedRotations& undetermined, const Eigen::Isometry3d& X_WB,
+                         const std::array<int, 6>& columns, Index count) {
   const bool free = std::none_of(columns.begin(), columns.end(), [](int column) { return column < 0; });
-  MatrixXd result = MatrixXd::Zero(count, free ? loose.axes.cols() : 0);
+  MatrixXd result = MatrixXd::Zero(count, free ? undetermined.axes.cols() : 0);
   for (Index i = 0; i < result.cols(); ++i) {
-    const Eigen::Vector3d turn = X_WB.linear().transpose() * loose.axes.col(i);
+    const Eigen::Vector3d turn = X_WB.linear().transpose() * undetermined.axes.col(i);
     Vector6d motion;
-    motion << (X_WB.inverse() * loose.centre).cross(turn), turn;
+    motion << (X_WB.inverse() * undetermined.centre).cross(turn), turn;
     result(columns, i) = motion;
   }
   return result;
@@ -56,7 +56,7 @@ struct LeastSquaresProblem::Data {
     std::size_t station;
     std::vector<Index> columns;
     std::unique_ptr<const LeastSquaresProblem> problem;
-    LooseRotations loose;
+    UndeterminedRotations undetermined;
 
     Estimate at(const Estimate& estimate) const {
       return {.errors = estimate.errors,
@@ -118,7 +118,7 @@ struct LeastSquaresProblem::Data {
   const ErrorModel& model;
   const Unknowns unknowns;
   const std::unique_ptr<const ErrorModel> one_station;  // the model of the parts
-  const std::vector<Part> parts;                        // of several stations, or one with loose rotations
+  const std::vector<Part> parts;                        // of several stations, or one with undetermined rotations
   const ObservedData observed;                          // of a single one
   const ObservedTotals totals;
   const PriorRows priors;
@@ -131,7 +131,7 @@ std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of
                                                                                  const ResidualOptions& options) const {
   std::vector<Part> result;
   const bool in_parts =
-      model.stations.size() > 1 || (model.has_open_bases && loose_rotations(measurements).axes.cols() > 0);
+      model.stations.size() > 1 || (model.has_open_bases && undetermined_rotations(measurements).axes.cols() > 0);
   for (std::size_t station = 0; in_parts && station < model.stations.size(); ++station) {
     const StationRows own = rows_of_station(measurements, station);
     ResidualOptions residuals = options;
@@ -141,7 +141,7 @@ std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of
     for (std::size_t i = 0; !options.row_weights.empty() && i < own.rows.size(); ++i) {
       residuals.row_weights.push_back(options.row_weights[own.rows[i]]);
     }
-    Part& part = result.emplace_back(Part{station, {}, nullptr, loose_rotations(own.measurements)});
+    Part& part = result.emplace_back(Part{station, {}, nullptr, undetermined_rotations(own.measurements)});
     const std::vector<bool> marked = unknowns.at_station(station);
     for (std::size_t column = 0; column < marked.size(); ++column) {
       if (marked[column]) {
@@ -324,10 +324,10 @@ WhitenedSummary LeastSquaresProblem::whitened_summary(const Estimate& estimate) 
   summary.add_priors(MatrixXd(data_->priors.rows));
   WhitenedSummary result = summary.finish();
   for (const Data::Part& part : data_->parts) {
-    const MatrixXd loose = motions_of_base(part.loose, estimate.frames.base(part.station),
-                                           data_->unknowns.base_columns(part.station), columns);
-    if (loose.cols() > 0) {
-      result.sqrt_information -= result.sqrt_information * loose * pseudo_inverse(loose);
+    const MatrixXd undetermined = motions_of_base(part.undetermined, estimate.frames.base(part.station),
+                                                  data_->unknowns.base_columns(part.station), columns);
+    if (undetermined.cols() > 0) {
+      result.sqrt_information -= result.sqrt_information * undetermined * pseudo_inverse(undetermined);
     }
   }
   return result;

@@ -175,7 +175,7 @@ Unknowns Unknowns::with(const ErrorModel& model, UnknownGroup group, const std::
   return result;
 }
 
-Unknowns Unknowns::with_all(const ErrorModel& model, UnknownGroup group) const {
+Unknowns Unknowns::with_group(const ErrorModel& model, UnknownGroup group) const {
   std::vector<std::size_t> indices;
   for (const Unknown& unknown : listed(group, model, targets_)) {
     indices.push_back(unknown.index);

@@ -61,7 +61,7 @@ public:
   /// A copy with exactly these indices (see Unknown::index) of one group.
   Unknowns with(const ErrorModel& model, UnknownGroup group, const std::vector<std::size_t>& indices) const;
   /// A copy with all unknowns of one group.
-  Unknowns with_all(const ErrorModel& model, UnknownGroup group) const;
+  Unknowns with_group(const ErrorModel& model, UnknownGroup group) const;
   /// A copy without a group.
   Unknowns without(UnknownGroup group) const;
   /// The unknowns whose columns are marked, one mark per column.

@@ -114,7 +114,7 @@ struct JoinedModel {
   MatrixXd derivatives(const std::vector<TargetFrame>& points) const {
     const Unknowns all = Unknowns(model, points, frame_parameter_names(points))
                              .with(model, UnknownGroup::geometric, geometric)
-                             .with_all(model, UnknownGroup::effects);
+                             .with_group(model, UnknownGroup::effects);
     const Estimate at{.errors = errors, .frames = {.targets = points}, .effects = {}};
     const PositionPredictor predictor(model, at, all);
     MatrixXd result(3 * static_cast<Index>(points.size()) * joint_values.cols(), all.size());

@@ -40,12 +40,12 @@ constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points
 
 // Whether the measured coordinates of each row may be those of a point on the axis, or at the centre if there are
 // three.
-bool may_lie_there(const LooseRotations& loose, const Measurements& station) {
+bool may_lie_there(const UndeterminedRotations& undetermined, const Measurements& station) {
   for (const Observation& observation : station.observations) {
-    const Eigen::Matrix3d P = directions(observation.reading, loose.centre);
-    Eigen::Vector3d off = P * (observation.position() - loose.centre);
-    if (loose.axes.cols() == 1) {
-      const Eigen::Vector3d along = P * loose.axes.col(0);
+    const Eigen::Matrix3d P = directions(observation.reading, undetermined.centre);
+    Eigen::Vector3d off = P * (observation.position() - undetermined.centre);
+    if (undetermined.axes.cols() == 1) {
+      const Eigen::Vector3d along = P * undetermined.axes.col(0);
       off -= along * (along.dot(off) / std::max(along.squaredNorm(), 1e-12));
     }
     if (is_distance(observation) || off.norm() > kShortest) {
@@ -57,13 +57,13 @@ bool may_lie_there(const LooseRotations& loose, const Measurements& station) {
 
 }  // namespace
 
-LooseRotations loose_rotations(const Measurements& station) {
+UndeterminedRotations undetermined_rotations(const Measurements& station) {
   const auto& rows = station.observations;
   const auto count = static_cast<double>(std::count_if(rows.begin(), rows.end(), is_whole));
   if (count == 0.0 || has_orientations(station)) {
     return {};
   }
-  LooseRotations result;
+  UndeterminedRotations result;
   for (const Observation& row : rows) {
     result.centre += is_whole(row) ? Eigen::Vector3d(row.position() / count) : Eigen::Vector3d::Zero();
   }
@@ -76,7 +76,7 @@ LooseRotations loose_rotations(const Measurements& station) {
   }
   const auto [values, vectors] = spectrum(squares);
   result.axes = vectors.leftCols((values.array() < kShortest * kShortest).count());
-  return has_single_coordinates(station) && !may_lie_there(result, station) ? LooseRotations() : result;
+  return has_single_coordinates(station) && !may_lie_there(result, station) ? UndeterminedRotations() : result;
 }
 
 bool names_stations(const Measurements& measurements) {
@@ -85,7 +85,7 @@ bool names_stations(const Measurements& measurements) {
 
 bool leave_bases_open(const Measurements& measurements) {
   return measurements.stations.size() > 1 || has_single_coordinates(measurements) ||
-         loose_rotations(measurements).axes.cols() > 0;
+         undetermined_rotations(measurements).axes.cols() > 0;
 }
 
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted) {

@@ -24,11 +24,11 @@ std::vector<std::int16_t> stations_of_configurations(const Measurements& measure
 
 /// Rotations of a station that its points do not show: about the line that they are on, or all if they are one point.
 /// None if single coordinates or distances show them, or if no row is a whole point: then their Jacobian does.
-struct LooseRotations {
+struct UndeterminedRotations {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< [m] of the points in W
   Eigen::Matrix3Xd axes = Eigen::Matrix3Xd(3, 0);    ///< unit vectors in W; none if orientations were measured
 };
-LooseRotations loose_rotations(const Measurements& station);
+UndeterminedRotations undetermined_rotations(const Measurements& station);
 
 /// Whether the rows say where they were measured from: several stations, one with a name of its own, or rows that are
 /// no whole points.

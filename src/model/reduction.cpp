@@ -182,10 +182,10 @@ private:
 }  // namespace
 
 std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
-                                      const ColumnLimits& limits, std::vector<bool>* faint) {
+                                      const ColumnLimits& limits, std::vector<bool>* replaceable) {
   std::vector<bool> kept(static_cast<std::size_t>(columns.cols()), false);
-  if (faint != nullptr) {
-    *faint = kept;
+  if (replaceable != nullptr) {
+    *replaceable = kept;
   }
   if (columns.size() == 0) {
     return kept;
@@ -216,8 +216,8 @@ std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std:
     const Eigen::Index next =
         *std::find_if(open.begin(), open.end(), [&](Eigen::Index c) { return remainders.sine(c) >= 0.5 * largest; });
     keep(next);
-    if (faint != nullptr) {
-      (*faint)[static_cast<std::size_t>(next)] = true;
+    if (replaceable != nullptr) {
+      (*replaceable)[static_cast<std::size_t>(next)] = true;
     }
   }
 }
@@ -306,9 +306,9 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
   for (std::size_t c = 0; c < seen.size(); ++c) {
     seen[c] = seen[c] && !without_effect(columns, static_cast<Eigen::Index>(c));
   }
-  std::vector<bool> faint;
+  std::vector<bool> replaceable;
   const std::vector<bool> raises =
-      independent_columns(columns, seen, {.seen = visible_norms(model, stack, options.noise)}, &faint);
+      independent_columns(columns, seen, {.seen = visible_norms(model, stack, options.noise)}, &replaceable);
 
   Reduction reduction;
   reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));
@@ -318,8 +318,8 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
     if (raises[c]) {
       kept.push_back(static_cast<Eigen::Index>(c));
       reduction.kept.push_back(names[c]);
-      if (faint[c]) {
-        reduction.faint.push_back(names[c]);
+      if (replaceable[c]) {
+        reduction.replaceable.push_back(names[c]);
       }
       if (c < candidates.first_geometric()) {
         frames.push_back(static_cast<Eigen::Index>(c));

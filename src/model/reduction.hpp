@@ -28,7 +28,7 @@ struct Reduction {
   int candidates = 0;
   int rank = 0;
   std::vector<std::string>
-      faint;  ///< kept parameters that the other kept ones can nearly replace, so that noise may hide them
+      replaceable;  ///< kept parameters that the other kept ones can nearly replace, so that noise may hide them
 };
 
 /// Configurations at which all parameters that can be told apart move the targets differently.
@@ -59,15 +59,15 @@ struct ColumnLimits {
 /// A well conditioned choice of columns with the same span as all candidates. The first pass, from left to right, keeps
 /// each column whose angle to the span of the kept ones has a sine of at least `clear`. So nearly parallel columns are
 /// not both kept before better later ones. The second pass repeatedly keeps the one with the largest sine (the first of
-/// those above half of it), down to `least` and `seen`. Columns of rounding size are left out. `faint`, if given, marks
-/// the columns of the second pass.
+/// those above half of it), down to `least` and `seen`. Columns of rounding size are left out. `replaceable`, if given,
+/// marks the columns of the second pass.
 ///
 /// With unit columns and a sine of s for the k-th kept one, the smallest singular value is at least of the order of s,
 /// so that uncertainties of parameters kept in the first pass are at most some twenty times those with orthogonal
 /// columns. The choice of the largest sine is that of a QR factorisation with column pivoting (Businger and Golub
 /// 1965), started from the declared order.
 std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std::vector<bool>& candidate,
-                                      const ColumnLimits& limits = {}, std::vector<bool>* faint = nullptr);
+                                      const ColumnLimits& limits = {}, std::vector<bool>* replaceable = nullptr);
 
 /// `count` generic targets for use before measurement: seeded points within about 0.2 m of the flange.
 std::vector<TargetFrame> generic_targets(int count, std::uint64_t seed = 1);

@@ -65,7 +65,7 @@ void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experim
     const std::vector<EffectTerm> terms = planned_terms(request, experiment.model, group, candidates);
     experiment.model.effects.insert(experiment.model.effects.end(), terms.begin(), terms.end());
   }
-  experiment.free = experiment.free.with_all(experiment.model, UnknownGroup::effects);
+  experiment.free = experiment.free.with_group(experiment.model, UnknownGroup::effects);
   const auto columns = static_cast<double>(experiment.free.size());
   if (0.5 * columns * columns * static_cast<double>(candidates.cols()) > kMostNumbers) {
     throw OptionError("effects", fmt::format("{} terms at {} candidates, expected fewer of either",

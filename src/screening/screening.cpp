@@ -23,7 +23,7 @@ FitProblem with_effects_of(const ErrorModel& wide, const FitProblem& plain) {
   FitProblem problem{.model = wide,
                      .measurements = plain.measurements,
                      .start = plain.start,
-                     .free = plain.free.without(UnknownGroup::effects).with_all(wide, UnknownGroup::effects),
+                     .free = plain.free.without(UnknownGroup::effects).with_group(wide, UnknownGroup::effects),
                      .options = plain.options};
   problem.start.effects = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(wide.effects.size()));
   return problem;

@@ -72,7 +72,7 @@ VectorXd LinearRows::moments(const VectorXd& v) const {
 Candidate with_terms(const ErrorModel& rigid, const Unknowns& free, const std::vector<EffectTerm>& terms, bool sized) {
   Candidate result{.model = rigid, .free = {}, .sized = sized};
   result.model.effects = terms;
-  result.free = free.with_all(result.model, UnknownGroup::effects);
+  result.free = free.with_group(result.model, UnknownGroup::effects);
   return result;
 }
 

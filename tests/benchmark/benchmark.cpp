@@ -172,7 +172,7 @@ void iteration_effects(benchmark::State& state) {
   model.effects.resize(60);
   Estimate start = experiment().nominal();
   start.effects = Eigen::VectorXd::Constant(60, 1e-5);
-  const Unknowns free = experiment().free.with_all(model, UnknownGroup::effects);
+  const Unknowns free = experiment().free.with_group(model, UnknownGroup::effects);
   iteration(state, LeastSquaresProblem(model, measured, free, {.priors = {.length = 1e-3, .angle = 1e-3}}), start);
 }
 BENCHMARK(iteration_effects)->Arg(300)->Arg(30000)->Unit(benchmark::kMicrosecond);

@@ -166,7 +166,7 @@ DeterminedFit beside_the_last_axis(double noise, double turned) {
 
 TEST(DeterminedFit, HoldsWhatTheNoiseHidesUnlessThatCostsAMisfit) {
   const DeterminedFit clear = beside_the_last_axis(1e-6, 0.0);
-  EXPECT_THAT(clear.reduction.faint, ::testing::UnorderedElementsAre("Tz5", "Rz5"));
+  EXPECT_THAT(clear.reduction.replaceable, ::testing::UnorderedElementsAre("Tz5", "Rz5"));
   EXPECT_EQ(clear.candidates.size(), 27);
   const DeterminedFit hidden = beside_the_last_axis(1e-4, 0.0);
   EXPECT_EQ(hidden.candidates.size(), 25);

@@ -158,7 +158,7 @@ TEST(DoubtsByHand, OfTheCompleteModelOnlyWhatTheTargetsCouldShowCounts) {
   found.calibration.fit.free = Unknowns(model, {}, {"dq2", "Ty1"});
   EXPECT_THAT(found.doubted(), SizeIs(1)) << "two of three";
   found.calibration.model.effects.resize(2);
-  found.calibration.fit.free = found.calibration.fit.free.with_all(found.calibration.model, UnknownGroup::effects);
+  found.calibration.fit.free = found.calibration.fit.free.with_group(found.calibration.model, UnknownGroup::effects);
   EXPECT_THAT(found.doubted(), SizeIs(1)) << "effects are none of them";
   found.calibration.fit.free = Unknowns(model, {}, {"dq2", "dq3", "Ty1"});
   found.options.parameters.model = ModelChoice::irreducible;

@@ -57,7 +57,7 @@ struct Answer {
     estimate.frames.targets[1].X_FT.translation() += Eigen::Vector3d(0.004, 0.005, 0.006);
     estimate.frames.targets[1].X_FT.linear() = testing::turned_by({0.35, -0.1, 0.8});
     estimate.effects = Eigen::VectorXd::LinSpaced(static_cast<Index>(model.effects.size()), 1e-4, 5e-4);
-    fit.free = Unknowns(model, start.frames.targets, free).with_all(model, UnknownGroup::effects);
+    fit.free = Unknowns(model, start.frames.targets, free).with_group(model, UnknownGroup::effects);
     fit.reduction.kept = {"dq2", "dq4", "Tx1", "Rz3"};
     fit.reduction.gauge = {{.name = "dq1", .tied_to = {"base.Rz"}}};
     covariance = MatrixXd::Zero(fit.free.size(), fit.free.size());

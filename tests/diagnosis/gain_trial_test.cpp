@@ -55,7 +55,7 @@ TEST(GainTrial, MisfitsAreThoseOfTheFitsWithAndWithoutGains) {
   wide.effects = gain_terms(m.model);
   Estimate start = nominal_start(m.model, m.data);
   start.effects = Eigen::VectorXd::Zero(6);
-  const Unknowns with_gains = m.free.with_all(wide, UnknownGroup::effects);
+  const Unknowns with_gains = m.free.with_group(wide, UnknownGroup::effects);
   const double with = rms_of(wide, m.data, identify_jointly(wide, m.data, start, with_gains).estimate);
   const double without = rms_of(wide, m.data, identify_jointly(wide, m.data, start, m.free).estimate);
   EXPECT_LT(with, 1e-4);

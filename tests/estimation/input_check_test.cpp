@@ -130,8 +130,6 @@ TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   expect_all_refuse({
       TAKES(calibrate(m.model, d)),
       TAKES(nominal_start(m.model, d)),
-      TAKES(identify_robustly(
-          {.model = m.model, .measurements = d, .start = estimate, .free = m.free, .options = {.loss = Loss::huber}})),
       TAKES(position_errors(m.model, estimate, d)),
       TAKES(registered(m.model, estimate.errors, d)),
       TAKES(iso_9283(m.model, estimate, d)),

@@ -128,7 +128,7 @@ TEST(StationLeastSquares, PriorsOfEffectsCountOnce) {
   const auto count = std::ssize(model.effects);
   estimate.effects = VectorXd::Constant(count, 2e-4);
   const Unknowns geometry = unknowns(experiment);
-  const Unknowns all = geometry.with_all(model, UnknownGroup::effects);
+  const Unknowns all = geometry.with_group(model, UnknownGroup::effects);
   const LeastSquaresProblem beside(model, measurements, all);
   const double without = LeastSquaresProblem(model, measurements, geometry).cost(estimate);
   EXPECT_NEAR(beside.cost(estimate) - without, 4.0 * static_cast<double>(count), 1e-6);

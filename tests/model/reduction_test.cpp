@@ -130,7 +130,7 @@ TEST(Reduction, NamesWhatReplacesAParameterThatNoiseHides) {
   const ErrorModel model = complete_model(fanuc());
   const std::vector<TargetFrame> targets = testing::targets_at({{0.0, 0.2, 1e-3}});
   const Reduction exact = reduced_model(model, targets, {.noise = 1e-6});
-  EXPECT_THAT(exact.faint, UnorderedElementsAre("Tz5", "Rz5"));
+  EXPECT_THAT(exact.replaceable, UnorderedElementsAre("Tz5", "Rz5"));
   const Reduction noisy = reduced_model(model, targets, {.noise = 1e-4});
   EXPECT_EQ(noisy.rank, exact.rank - 2);
   std::map<std::string, std::map<std::string, double>> hidden;

@@ -86,7 +86,7 @@ TEST(Experiment, EffectsMoveThePointsAsTheirMotionsOfTheJointsDo) {
     const std::vector<EffectTerm> terms = effect_terms(f.model, group, q);
     f.experiment.model.effects.insert(f.experiment.model.effects.end(), terms.begin(), terms.end());
   }
-  f.experiment.free = f.experiment.free.with_all(f.experiment.model, UnknownGroup::effects);
+  f.experiment.free = f.experiment.free.with_group(f.experiment.model, UnknownGroup::effects);
   const auto terms = static_cast<Index>(f.experiment.model.effects.size());
   ASSERT_GT(terms, 50);
   for (const Index c : {Index{0}, Index{7}}) {

@@ -317,7 +317,7 @@ struct Saved {
     for (Observation& o : measured.observations) {
       o.split = o.configuration < 25 ? Split::train : Split::test;
     }
-    saved.free = arm.free.with_all(saved.model, UnknownGroup::effects);
+    saved.free = arm.free.with_group(saved.model, UnknownGroup::effects);
     saved.estimate = arm.robot.truth;
     const auto count = static_cast<Index>(saved.model.effects.size());
     saved.estimate.effects = VectorXd::NullaryExpr(count, [&](Index) { return 1e-3 * arm.random.normal(); });

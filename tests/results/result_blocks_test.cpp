@@ -96,7 +96,7 @@ TEST(ResultBlocks, TheCovarianceIsWrittenUpTo300Columns) {
     CalibrationResult calibration;
     calibration.model = complete_model(testing::fanuc());
     calibration.model.effects.resize(count);
-    calibration.fit.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
+    calibration.fit.free = Unknowns().with_group(calibration.model, UnknownGroup::effects);
     const auto size = static_cast<Eigen::Index>(count);
     calibration.uncertainty.covariance = Eigen::MatrixXd::NullaryExpr(
         size, size, [](Eigen::Index r, Eigen::Index c) { return static_cast<double>(1000 * r + c); });
@@ -176,7 +176,7 @@ TEST(ResultBlocks, TablesOfFilesHaveARowForEach) {
   calibration.model.effects.resize(2);
   calibration.model.effects[0].name = "a";
   calibration.model.effects[1].name = "b,c";
-  calibration.fit.free = Unknowns().with_all(calibration.model, UnknownGroup::effects);
+  calibration.fit.free = Unknowns().with_group(calibration.model, UnknownGroup::effects);
   calibration.uncertainty.covariance = (Eigen::Matrix2d() << 1.0, 0.5, 0.25, kInfinity).finished();
   EXPECT_EQ(covariance_csv(calibration), "parameter,a,\"b,c\"\na,1,0.5\n\"b,c\",0.25,\n");
 }

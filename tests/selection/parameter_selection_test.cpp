@@ -426,10 +426,10 @@ TEST(ParametersOfRealArms, TheLastColumnOfTwoThatAreNearlyTheSameIsLeftToBetterO
   columns.col(1) << 1.0, 1e-3, 0.0, 0.0;
   columns.col(2) << 0.3, 1.0, 0.0, 0.0;
   columns.col(3) << 0.0, 1.0, 2e-3, 0.0;
-  std::vector<bool> faint;
-  EXPECT_THAT(independent_columns(columns, {true, true, true, true}, {}, &faint),
+  std::vector<bool> replaceable;
+  EXPECT_THAT(independent_columns(columns, {true, true, true, true}, {}, &replaceable),
               ::testing::ElementsAre(true, false, true, true));
-  EXPECT_THAT(faint, ::testing::ElementsAre(false, false, false, true));
+  EXPECT_THAT(replaceable, ::testing::ElementsAre(false, false, false, true));
   EXPECT_THAT(independent_columns(columns, {true, true, false, false}),
               ::testing::ElementsAre(true, true, false, false));
   ColumnLimits seen;
