@@ -43,19 +43,15 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
 }
 
 // Adds the doubts and warnings by other readings of the registered rows.
-void try_readings(ErrorModel model, const Measurements& rows, const Estimate& estimate, const KnownFrames& known,
-                  const DiagnosisOptions& diagnosis, PositionErrors& errors) {
+void try_readings(ErrorModel model, const Measurements& rows, const Estimate& estimate, const ReadingOptions& options,
+                  PositionErrors& errors) {
   if (rows.stations.size() > 1 || has_single_coordinates(rows)) {
     errors.warnings.push_back(std::string("other readings of the data were not tried (") +
                               (has_single_coordinates(rows) ? "single coordinates)" : "several stations)"));
     return;
   }
   model.has_open_bases = false;  // a rotation that the points leave open stays as it was registered
-  for (const AlternativeReading& reading :
-       alternative_readings_of_nominal(model, rows, estimate,
-                                       {.registration = {.known = known},
-                                       .used = diagnosis.convention ? &*diagnosis.convention : nullptr,
-                                       .others = diagnosis.other_conventions})) {
+  for (const AlternativeReading& reading : alternative_readings_of_nominal(model, rows, estimate, options)) {
     if (reading.cause == Cause::joint_function) {  // normal for a robot that is not calibrated
       continue;
     }
@@ -94,7 +90,11 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
   if (diagnosis.try_readings) {
     const Estimate estimate{
         .errors = arm.estimate.errors, .frames = registration.frames, .effects = arm.estimate.effects};
-    try_readings(model, rows, estimate, known, diagnosis, errors);
+    try_readings(model, rows, estimate,
+                 {.registration = {.known = known},
+                  .used = diagnosis.convention ? &*diagnosis.convention : nullptr,
+                  .others = diagnosis.other_conventions},
+                 errors);
   }
   if (errors.doubts.empty() && registration.rms > kAbsurd * arm_length(model)) {
     errors.doubts.push_back(
