@@ -3,7 +3,6 @@
 #include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 
@@ -26,8 +25,19 @@ using Eigen::VectorXd;
 }  // namespace
 
 std::string to_string(Termination termination) {
-  constexpr std::array kNames = {"converged", "iteration_limit", "stalled", "rank_deficient", "diverged"};
-  return kNames[static_cast<std::size_t>(termination)];
+  switch (termination) {
+    case Termination::converged:
+      return "converged";
+    case Termination::iteration_limit:
+      return "iteration_limit";
+    case Termination::stalled:
+      return "stalled";
+    case Termination::rank_deficient:
+      return "rank_deficient";
+    case Termination::diverged:
+      return "diverged";
+  }
+  return "unknown";
 }
 
 Estimate nominal_start(const ErrorModel& model, const Measurements& measurements, const RegistrationOptions& options) {

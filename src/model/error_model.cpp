@@ -109,8 +109,17 @@ ErrorModel complete_model(const Robot& robot) {
 }
 
 const char* to_string(ParameterKind kind) {
-  constexpr std::array kNames = {"joint_offset", "translation", "rotation", "effect"};
-  return kNames[static_cast<std::size_t>(kind)];
+  switch (kind) {
+    case ParameterKind::joint_offset:
+      return "joint_offset";
+    case ParameterKind::translation:
+      return "translation";
+    case ParameterKind::rotation:
+      return "rotation";
+    case ParameterKind::effect:
+      return "effect";
+  }
+  return "unknown";
 }
 
 KDL::Chain error_chain(const ErrorModel& model, const Eigen::VectorXd& errors) {

@@ -135,7 +135,6 @@ MatrixXd PointRows::rows(const PointBlock& block, const Eigen::Ref<const VectorX
   return result;
 }
 
-// A tracker's noise depends on where the points are; else whitening is the same for every configuration.
 MatrixXd PointRows::stacked(const MatrixXd& joint_values) const {
   const Index height = points_.S.rows();
   MatrixXd result(height * joint_values.cols(), columns());
@@ -145,6 +144,7 @@ MatrixXd PointRows::stacked(const MatrixXd& joint_values) const {
   return result;
 }
 
+// A tracker's noise depends on where the points are; else whitening is the same for every configuration.
 MatrixXd PointRows::whitened(const Eigen::Ref<const VectorXd>& q) const {
   if (!noise_.tracker) {
     return rows(whitened_, q);

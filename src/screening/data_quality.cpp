@@ -1,7 +1,6 @@
 #include "screening/data_quality.hpp"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
 namespace kdl_calibration {
@@ -23,9 +22,21 @@ bool same_matter(const QualityFinding& residual, const QualityFinding& distance)
 }  // namespace
 
 std::string to_string(QualityKind kind) {
-  constexpr std::array kNames = {"slipped_target",      "swapped_targets", "mistaken_target",
-                                 "mistyped_coordinate", "displaced_point", "displaced_configuration"};
-  return kNames[static_cast<std::size_t>(kind)];
+  switch (kind) {
+    case QualityKind::slipped_target:
+      return "slipped_target";
+    case QualityKind::swapped_targets:
+      return "swapped_targets";
+    case QualityKind::mistaken_target:
+      return "mistaken_target";
+    case QualityKind::mistyped_coordinate:
+      return "mistyped_coordinate";
+    case QualityKind::displaced_point:
+      return "displaced_point";
+    case QualityKind::displaced_configuration:
+      return "displaced_configuration";
+  }
+  return "unknown";
 }
 
 std::vector<QualityFinding> check_measurements(const ErrorModel& model, const Measurements& measurements,
