@@ -65,7 +65,8 @@ public:
   /// result does not state it (version 0.1).
   const JointRanges& measured_ranges() const;
   /// The largest motion [m] of a target at `q` by parameters that the measurements do not determine, if none of them
-  /// changes by more than 1 mm or 1 mrad. 0 if all are determined.
+  /// changes by more than 1 mm or 1 mrad. 0 if all are determined, or if the result does not state them (no
+  /// covariance).
   double undetermined_motion(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
   /// Names of the stations if there are several, single coordinates, or a plate; otherwise empty.

@@ -44,8 +44,9 @@ struct PositionErrors {
   std::vector<Doubt> doubts;
 };
 
-/// The robot as its URDF says. `diagnosis` states the joint conventions that other readings of the data try. Throws
-/// InputError: measurements of another robot, known frames that were not measured, fewer coordinates than base and
+/// The robot as its URDF says. `diagnosis` states the joint conventions that other readings of the data try;
+/// without `try_readings` none is tried, which takes most of the time. Throws InputError: a convention of other
+/// joints, measurements of another robot, known frames that were not measured, fewer coordinates than base and
 /// targets take.
 PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known = {},
                         const DiagnosisOptions& diagnosis = {});
