@@ -41,9 +41,9 @@ std::string off(double position, double orientation) {
 
 }  // namespace
 
-CompensationSummary::CompensationSummary(const Robot& robot, CalibratedArm arm, const ProgramFile& program)
+CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm, const ProgramFile& program)
     : robot_(robot),
-      arm_(std::move(arm)),
+      arm_(arm),
       program_(program),
       changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
 

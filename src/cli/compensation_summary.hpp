@@ -18,7 +18,7 @@ namespace kdl_calibration::cli {
 /// What became of the points of a program. Keeps references. Its memory does not grow with their number.
 class CompensationSummary {
 public:
-  CompensationSummary(const Robot& robot, CalibratedArm arm, const ProgramFile& program);
+  CompensationSummary(const Robot& robot, const CalibratedArm& arm, const ProgramFile& program);
 
   /// The next rows, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
   /// pose depends on parameters that were not determined.
