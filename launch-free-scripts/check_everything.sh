@@ -31,7 +31,7 @@ check_coverage() {
   configure_and_build coverage -D KDL_CALIBRATION_SHARED_DATA_DIR="$data" \
     -D KDL_CALIBRATION_TESTS_LEFT_OUT='*OnAFullDisk*'
   find "$build" -name '*.gcda' -delete
-  run_tests coverage
+  run_tests coverage -E '^(browser|consumer)$'
   gcovr --root "$root" --filter "$root/src/" --exclude-throw-branches --exclude-unreachable-branches \
     --json "$build/coverage.json" "$build"
   for what in --branches ''; do

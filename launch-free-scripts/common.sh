@@ -106,7 +106,7 @@ run_tests() {
   (cd "$root/build/$preset" && ctest --output-on-failure -j 2 -LE 'long|campaign' "$@")
 }
 
-# run_long_tests <preset>: what repeats much for many seconds, the pages in a browser and the installed package.
+# run_long_tests <preset>: what repeats much for many seconds.
 run_long_tests() {
   (cd "$root/build/$1" && ctest --output-on-failure -j 2 -L long)
 }
