@@ -69,7 +69,8 @@ public:
   /// covariance).
   double undetermined_motion(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
-  /// Names of the stations if there are several, single coordinates, or a plate; otherwise empty.
+  /// Names of the stations if there are several, single coordinates, or points that are all on one line; otherwise
+  /// empty.
   std::vector<std::string> stations() const;
   /// X_WB, the base in the frame of the measuring device, of several stations at the named one. Throws InputError as
   /// `predict` does.

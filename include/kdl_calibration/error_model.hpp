@@ -150,9 +150,9 @@ struct ErrorModel {
   std::vector<PointMass> link_masses;                 ///< those stated by the URDF
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
   std::vector<std::string> stations = {"W"};          ///< of the measurements, each with its own pose of the base
-  /// Whether rows may leave directions of a base undetermined: several stations, single coordinates, or a plate. Then
-  /// the parameters of bases are named base[STATION].Tx, and uncertainties in the base frame are those of the arm
-  /// alone.
+  /// Whether rows may leave directions of a base undetermined: several stations, single coordinates, or points of one
+  /// place that are all on one line. Then the parameters of bases are named base[STATION].Tx, and uncertainties in the
+  /// base frame are those of the arm alone.
   bool has_open_bases = false;
 };
 

@@ -334,8 +334,8 @@ std::vector<QualityFinding> screened(const FitProblem& problem, const Measuremen
 
 CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measurements,
                             const CalibrationSettings& options) {
-  const ErrorModel model = at_stations_of(measurements, arm);
   const TrainingRows rows(measurements);
+  const ErrorModel model = at_stations_of(*rows, arm);
   require_rows_of_each_station(measurements, *rows);
   check_options(model, measurements, *rows, options);
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
@@ -350,7 +350,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
   ModelSelection selection =
       select_model(choice, rigid_fit.identification, determines_arm(rigid_fit), options.estimator.method);
-  if (model.stations.size() > 1 || has_single_coordinates(measurements)) {
+  if (!are_points_of_one_station(measurements)) {
     selection.not_tried += selection.not_tried.empty() ? "" : "; ";
     selection.not_tried +=
         has_single_coordinates(measurements)

@@ -24,7 +24,7 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
   if (!task.options.try_readings) {
     return {};
   }
-  if (found.model.stations.size() > 1 || has_single_coordinates(measurements)) {
+  if (!are_points_of_one_station(measurements)) {
     const TrainingRows rows(measurements);
     std::vector<AlternativeReading> result = readings_of_unit(found.model, *rows);
     const Estimate& fit = found.fit.identification.estimate;

@@ -16,6 +16,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/same_poses.hpp"
+#include "measurements/stations.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -137,9 +138,8 @@ KnownFrames known_frames(const MeasurementArguments& arguments, const Measuremen
     } else {
       throw InputError("--known-base: " + (given.station.empty() ? "no station" : "station " + shown(given.station)) +
                        ", expected " +
-                       (stations != Measurements().stations
-                            ? "STATION=FILE with one of " + comma_separated(stations)
-                            : "a file alone, as the measurements have no column station"));
+                       (names_stations(measurements) ? "STATION=FILE with one of " + comma_separated(stations)
+                                                     : "a file alone, as the measurements have no column station"));
     }
   }
   if (!arguments.known_targets.empty()) {

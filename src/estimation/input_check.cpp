@@ -12,6 +12,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/readings.hpp"
+#include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -152,9 +153,9 @@ void check(const KnownFrames& known, const Measurements& measurements) {
       refuse_input("a known base without its station", "one for a station of " + comma_separated(stations));
     }
     if (!base.station.empty() && std::find(stations.begin(), stations.end(), base.station) == stations.end()) {
-      refuse_input("a known base of station " + shown(base.station) + ", which was not measured",
-                   stations != Measurements().stations ? "one of " + comma_separated(stations)
-                                                       : "a known base without a station");
+      refuse_input(
+          "a known base of station " + shown(base.station) + ", which was not measured",
+          names_stations(measurements) ? "one of " + comma_separated(stations) : "a known base without a station");
     }
   }
   for (const std::string& station : stations) {

@@ -46,8 +46,8 @@ public:
   WhitenedSystem whitened(const Estimate& estimate) const;
   /// The sums of these rows, in constant memory. Above kManyConfigurations configurations on the lane pass,
   /// fewer with more than 30 columns, the triangular factor is a Cholesky factor of the information if its condition
-  /// allows. Rotations of one of several stations about the line or the point that its points are on get no
-  /// information: only residuals would show them.
+  /// allows. Rotations of a station about the line or the point that its points are on get no information: only
+  /// residuals would show them.
   WhitenedSummary whitened_summary(const Estimate& estimate) const;
   static constexpr std::size_t kManyConfigurations = 3000;
 

@@ -8,6 +8,8 @@
 #include "estimation/prediction.hpp"
 #include "interface/calibration_parts.hpp"
 #include "measurements/readings.hpp"
+#include "measurements/stations.hpp"
+#include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
 #include "validation/registered_errors.hpp"
 
@@ -45,7 +47,7 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
 // Adds the doubts and warnings by other readings of the registered rows.
 void try_readings(ErrorModel model, const Measurements& rows, const Estimate& estimate, const ReadingOptions& options,
                   PositionErrors& errors) {
-  if (rows.stations.size() > 1 || has_single_coordinates(rows)) {
+  if (!are_points_of_one_station(rows)) {
     errors.warnings.push_back(std::string("other readings of the data were not tried (") +
                               (has_single_coordinates(rows) ? "single coordinates)" : "several stations)"));
     return;
@@ -66,10 +68,10 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
 PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measurements, const KnownFrames& known,
                          const DiagnosisOptions& diagnosis) {
   constexpr double kAbsurd = 0.1;  // of the arm's length: 3 degrees in every joint leave half of that
-  const ErrorModel model = at_stations_of(measurements, arm.model);
+  const Measurements rows = rows_to_register(measurements);
+  const ErrorModel model = at_stations_of(*TrainingRows(rows), arm.model);
   check(measurements, model);
   check(known, measurements);
-  const Measurements rows = rows_to_register(measurements);
   const RegisteredErrors found =
       registered_errors(flange_poses(model, arm.estimate, measurements), measurements, rows, known);
   const Registration& registration = found.registration;

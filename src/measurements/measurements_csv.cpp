@@ -77,7 +77,7 @@ UsedColumns used_columns(const Measurements& measurements) {
     used.along = used.along || !is_by_axis(o.reading);
     used.distance = used.distance || is_distance(o);
   }
-  used.station = names_stations(measurements);
+  used.station = names_stations(measurements) || has_single_coordinates(measurements);
   return used;
 }
 

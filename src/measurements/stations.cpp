@@ -79,13 +79,12 @@ UndeterminedRotations undetermined_rotations(const Measurements& station) {
   return has_single_coordinates(station) && !may_lie_there(result, station) ? UndeterminedRotations() : result;
 }
 
-bool names_stations(const Measurements& measurements) {
-  return measurements.stations != Measurements().stations || has_single_coordinates(measurements);
+bool are_points_of_one_station(const Measurements& measurements) {
+  return measurements.stations.size() == 1 && !has_single_coordinates(measurements);
 }
 
 bool leave_bases_open(const Measurements& measurements) {
-  return measurements.stations.size() > 1 || has_single_coordinates(measurements) ||
-         undetermined_rotations(measurements).axes.cols() > 0;
+  return !are_points_of_one_station(measurements) || undetermined_rotations(measurements).axes.cols() > 0;
 }
 
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted) {

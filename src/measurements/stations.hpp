@@ -30,9 +30,13 @@ struct UndeterminedRotations {
 };
 UndeterminedRotations undetermined_rotations(const Measurements& station);
 
-/// Whether the rows say where they were measured from: several stations, one with a name of its own, or rows that are
-/// no whole points.
-bool names_stations(const Measurements& measurements);
+/// Whether there are several stations, or one with a name of its own.
+inline bool names_stations(const Measurements& measurements) {
+  return measurements.stations != Measurements().stations;
+}
+
+/// Whether every row is a whole point, or a pose, and all were measured from one place.
+bool are_points_of_one_station(const Measurements& measurements);
 
 /// Whether directions of a base may not follow from its rows alone: there are several stations, rows that are no whole
 /// points, or points that leave a rotation open.

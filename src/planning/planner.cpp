@@ -210,7 +210,7 @@ Plan make_plan(const PlanRequest& request) {
   if (request.calibrated && request.calibrated->model.has_open_bases) {
     throw OptionError("result",
                       "has bases of stations, which a plan does not know; expected a calibration by whole points "
-                      "without a column station");
+                      "that are not all on one line, without a column station");
   }
   if (!request.effects.empty() && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan are of rigid arms, expected no effects beside them");
