@@ -221,6 +221,7 @@ std::vector<Asked> other_methods() {
       {"PositionPredictor::jacobians", [&] { return s.predictor.jacobians(s.q).back().sum(); }},
       {"Observation::position", [&] { return (*s.rows).observations.back().position().sum(); }},
       {"Observation::orientation", [&] { return (*s.rows).observations.back().orientation() == nullptr; }},
+      {"TrainingRows::all", [&] { return number(s.rows.all().observations.size()); }},
       {"TrainingRows::has_others", [&] { return s.rows.has_others(); }},
       {"TrainingRows::values_of", [&] { return s.rows.values_of(s.residuals.row_weights); }},
       {"TrainingRows::among_all",

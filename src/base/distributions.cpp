@@ -44,6 +44,16 @@ double f_upper_tail(double f, double a, double b) {
   return std::isinf(f) ? 0.0 : math::cdf(math::complement(FisherF(a, b), f));
 }
 
+// By the F distribution, of which the tail is not lost beside one.
+double binomial_upper_tail(int least, int trials, double probability) {
+  if (least <= 0) {
+    return 1.0;
+  }
+  const double a = 2.0 * least;
+  const double b = 2.0 * (trials - least + 1);
+  return least > trials ? 0.0 : f_upper_tail(a / b * (1.0 - probability) / probability, b, a);
+}
+
 double f_critical(double tail, double a, double b) {
   return b > kAsGoodAsInfinite ? math::quantile(math::complement(ChiSquared(a), tail)) / a
                                : math::quantile(math::complement(FisherF(a, b), tail));

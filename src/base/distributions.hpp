@@ -10,6 +10,9 @@ double log_gamma(double x);
 /// P(F > f) of the F distribution with a and b degrees of freedom; 1 if f <= 0.
 double f_upper_tail(double f, double a, double b);
 
+/// P(X >= least) of `trials` independent trials that succeed with this probability.
+double binomial_upper_tail(int least, int trials, double probability);
+
 /// Upper `tail` quantile of the F distribution with a and b degrees of freedom; b may be infinite.
 double f_critical(double tail, double a, double b);
 

@@ -269,8 +269,8 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
 }
 
 // Base, targets and errors with their uncertainty, and the predicted accuracy.
-Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const std::vector<HeldOutPoint>& held_out,
-                        double optimism, const Configurations& asked) {
+Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const TrainingRows& rows,
+                        const std::vector<HeldOutPoint>& held_out, double optimism, const Configurations& asked) {
   const FitProblem& problem = fitted.problem;
   const DeterminedFit& fit = fitted.fit;
   Uncertainty result;
@@ -281,7 +281,7 @@ Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const std
                                          .noise = assessed.noise,
                                          .held_out = held_out,
                                          .optimism = optimism},
-                                        problem.measurements, asked);
+                                        rows, asked);
   result.parameters = parameter_estimates(problem.model, problem.start, fit,
                                           {.fixed_by_gauge = assessed.fixed_by_gauge,
                                            .tied = assessed.identifiability.tied,
@@ -376,7 +376,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   GrossRows gross = gross_rows(fitted, options);
   result.noise = noise_report(assessed.noise, fitted.problem, options);
   result.uncertainty =
-      uncertainty(fitted, std::move(assessed), validated.held_out_points, selection.optimism, options.predict_at);
+      uncertainty(fitted, std::move(assessed), rows, validated.held_out_points, selection.optimism, options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);

@@ -124,6 +124,14 @@ struct MeasuredRegion {
   bool holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const;
 };
 
+/// Up to 1,000 configurations of test rows inside the measured region, and those of them whose points are off by more
+/// than `radius_95`, as the root mean square over the points of error over radius.
+struct TestedRadius {
+  int configurations = 0;
+  int outside = 0;
+  double p_value = 1.0;  ///< that as many are outside if each is with 5 %
+};
+
 struct PredictedAccuracy {
   ErrorStatistics measured;          ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
@@ -133,6 +141,7 @@ struct PredictedAccuracy {
   /// Directions of DeterminedFit::candidates that the measurements do not determine: candidates x directions.
   Eigen::MatrixXd undetermined;
   std::vector<AskedPoint> asked;  ///< CalibrationSettings::predict_at, every target
+  TestedRadius tested;
 };
 
 /// Which parameters the measurements determine, and their uncertainty.

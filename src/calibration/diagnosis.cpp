@@ -9,6 +9,7 @@
 #include "base/counted_fits.hpp"
 #include "base/text.hpp"
 #include "calibration/doubts.hpp"
+#include "diagnosis/likely_mistake.hpp"
 #include "diagnosis/repeated_configurations.hpp"
 #include "estimation/identification.hpp"
 #include "measurements/readings.hpp"
@@ -20,21 +21,23 @@ namespace kdl_calibration {
 namespace {
 
 std::vector<AlternativeReading> readings(const CalibrationResult& found, const Measurements& measurements,
-                                         const GrossRows& gross_rows, const DiagnosisTask& task) {
+                                         const DiagnosisTask& task) {
   if (!task.options.try_readings) {
     return {};
   }
   if (!are_points_of_one_station(measurements)) {
     const TrainingRows rows(measurements);
     std::vector<AlternativeReading> result = readings_of_unit(found.model, *rows);
-    const Estimate& fit = found.fit.identification.estimate;
-    const bool converged = has_converged(found.fit.identification);
-    if (result.empty() && converged && found.model.stations.size() > 1) {
-      const double as_gross_rows = gross_rows.rows.empty() ? 1.0 : gross_rows.rms_without / gross_rows.rms;
-      result = readings_of_stations(found.model, *rows, fit, found.fit.free, as_gross_rows);
-    }
-    if (result.empty() && converged) {
-      result = readings_of_lengths(found.model, *rows, fit, found.fit.free);
+    if (result.empty() && has_converged(found.fit.identification)) {
+      if (auto mistake = likely_mistake({.model = found.model,
+                                         .measurements = *rows,
+                                         .estimate = found.fit.identification.estimate,
+                                         .known = task.parameters.known,
+                                         .fix = task.parameters.fix,
+                                         .uncertainty = found.uncertainty.predicted.measured.rms,
+                                         .stated = found.settings.noise.stated})) {
+        result.push_back(std::move(*mistake));
+      }
     }
     if (!has_single_coordinates(measurements)) {
       const std::vector<AlternativeReading> repeated = repeated_configurations(measurements);
@@ -47,6 +50,9 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
                               {.registration = {.known = task.parameters.known},
                                .used = task.options.convention ? &*task.options.convention : nullptr,
                                .others = task.options.other_conventions,
+                               .fix = task.parameters.fix,
+                               .uncertainty = found.uncertainty.predicted.measured.rms,
+                               .stated = found.settings.noise.stated,
                                .threads = task.threads});
 }
 
@@ -61,7 +67,9 @@ std::vector<QualityFinding> remaining_findings(const std::vector<AlternativeRead
   if (any([](Cause cause) { return cause == Cause::exchanged_targets; })) {
     return {};
   }
-  if (any([](Cause cause) { return cause == Cause::moved_base || cause == Cause::drift; })) {
+  if (any([](Cause cause) {
+        return cause == Cause::moved_base || cause == Cause::drift || cause == Cause::moved_target;
+      })) {
     std::erase_if(findings, [](const QualityFinding& finding) { return finding.kind == QualityKind::slipped_target; });
     return findings;
   }
@@ -132,7 +140,7 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
   result.alternative_readings = with_progress(task.progress, "trying other readings of the data",
-                                              [&] { return readings(found, measurements, result.gross_rows, task); });
+                                              [&] { return readings(found, measurements, task); });
   result.findings = remaining_findings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);
   if (holds_where_measured(found, result.doubts, task.ambiguity)) {

@@ -41,7 +41,7 @@ std::string held_out_name(const CalibrationResult& found) {
 const std::string kWrongInput =
     "check the robot, the joint values with their units, signs and order, and the names of the targets";
 
-constexpr double kSmallest = 1e-6;  // [m] smaller errors are not worth a doubt
+constexpr double kSmallest = 1e-6;  // [m] smaller errors are not worth a doubt, for an arm of up to ten metres
 
 using Doubts = std::vector<Doubt>;
 
@@ -282,23 +282,25 @@ Doubts of_errors(const CalibrationResult& found) {
   return {};
 }
 
-// Test rows with much larger errors than left-out configurations.
+// Test rows that are off by more than their radius, beyond chance.
 Doubts of_tests(const CalibrationResult& found) {
-  constexpr double kTimes = 5.0;
-  constexpr double kOfNominal = 0.5;
-  const BeforeAfter* held_out = found.accuracy.held_out();
-  if (!found.accuracy.test || held_out == nullptr || held_out->after.count == 0 ||
+  constexpr double kFalseAlarm = 1e-4;
+  constexpr double kLargeArm = 10.0;  // [m]
+  const double smallest = kSmallest * std::max(1.0, reach(found.model) / kLargeArm);
+  const TestedRadius& tested = found.uncertainty.predicted.tested;
+  if (!found.accuracy.test || !(tested.p_value < kFalseAlarm) || found.accuracy.test->after.rms < smallest ||
       found.accuracy.test->after.rms > found.accuracy.test->before.rms) {  // said already
     return {};
   }
-  if (!(found.accuracy.test->after.rms >
-        std::max(kTimes * held_out->after.rms, kOfNominal * found.accuracy.test->before.rms))) {
-    return {};
-  }
+  const BeforeAfter* held_out = found.accuracy.held_out();
+  const std::string others =
+      held_out != nullptr ? ", configurations left out of the fit by " + in_millimetres(held_out->after.rms) : "";
   return {{.cause = Cause::test_rows_differ,
-           .message = "the test rows are missed by " + in_millimetres(found.accuracy.test->after.rms) +
-                      ", configurations left out of the fit by " + in_millimetres(held_out->after.rms) +
-                      "; check that both were measured in the same way, with the same names of targets"}};
+           .message = fmt::format("the test rows contradict the result: {} of {} configurations are off by more than "
+                                  "the radius that holds for 95 %; they are missed by {}{}; check that all were "
+                                  "measured in the same way, with the same payload and names of targets",
+                                  tested.outside, tested.configurations, in_millimetres(found.accuracy.test->after.rms),
+                                  others)}};
 }
 
 // Gross rows.

@@ -8,12 +8,14 @@
 #include <map>
 #include <vector>
 
+#include "base/distributions.hpp"
 #include "base/random.hpp"
 #include "calibration/new_point.hpp"
 #include "calibration/point_predictor.hpp"
 #include "effects/joint_effects.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
+#include "measurements/stations.hpp"
 #include "model/kinematics.hpp"
 #include "robot/joint_ranges.hpp"
 #include "selection/effect_candidates.hpp"
@@ -74,11 +76,50 @@ std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const Erro
   return result;
 }
 
+// Single coordinates and distances have no radius.
+TestedRadius tested_radius(const PredictionBasis& basis, const Measurements& measurements) {
+  constexpr double kOutside = 0.05;
+  const PointPredictor predictor(basis);
+  Measurements tested = without_observations(measurements);
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == Split::test && is_whole(observation)) {
+      tested.observations.push_back(observation);
+    }
+  }
+  if (tested.observations.empty()) {
+    return {};
+  }
+  std::map<std::int32_t, std::vector<Observation>> rows_of;
+  for (const Observation& mean : averaged(tested).observations) {
+    rows_of[mean.configuration].push_back(mean);
+  }
+  TestedRadius result;
+  for (const auto& [configuration, rows] : rows_of) {
+    if (result.configurations == kWorkspaceSamples) {
+      break;
+    }
+    const auto points = predictor.points(tested.joint_values.col(configuration), column(tested.signals, configuration),
+                                         station_of(rows.front()));
+    double squares = 0.0;
+    bool holds = true;
+    for (const Observation& row : rows) {
+      const PointWithCovariance& point = points[static_cast<std::size_t>(row.target)];
+      squares += (row.position() - point.position_W).squaredNorm() / std::pow(point.new_point.radius_95, 2);
+      holds = holds && !point.outside;
+    }
+    result.configurations += holds ? 1 : 0;
+    result.outside += holds && squares > static_cast<double>(rows.size()) ? 1 : 0;
+  }
+  result.p_value = binomial_upper_tail(result.outside, result.configurations, kOutside);
+  return result;
+}
+
 }  // namespace
 
-PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const Measurements& measurements,
+PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const TrainingRows& rows,
                                      const Configurations& asked) {
   const ErrorModel& model = uncertain.model;
+  const Measurements& measurements = *rows;
   Random random(1);
   const Eigen::MatrixXd workspace =
       random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
@@ -100,6 +141,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const M
                         .undetermined = result.undetermined,
                         .noise = new_point_noise(uncertain.noise),
                         .region = result.region};
+  result.tested = tested_radius(basis, rows.all());
   if (model.has_open_bases) {
     basis.estimate.frames.base().setIdentity();  // predictions in the base frame, along its axes
   }

@@ -4,6 +4,7 @@
 
 #include "calibration/calibration_result.hpp"
 #include "calibration/determined_fit.hpp"
+#include "measurements/training_rows.hpp"
 #include "validation/fold_prediction.hpp"
 
 namespace kdl_calibration {
@@ -20,8 +21,9 @@ struct UncertainEstimate {
   double optimism = 1.0;  ///< of the selection, see TriedModels
 };
 
-/// Predicted accuracy at the measured configurations, over the workspace and at the requested configurations.
-PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const Measurements& measurements,
+/// Predicted accuracy at the measured configurations, over the workspace, at the test rows and at the requested
+/// configurations.
+PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const TrainingRows& rows,
                                      const Configurations& asked);
 
 }  // namespace kdl_calibration

@@ -11,10 +11,8 @@
 #include "base/distributions.hpp"
 #include "base/number_range.hpp"
 #include "base/text.hpp"
-#include "diagnosis/common_scale.hpp"
 #include "diagnosis/convention_trial.hpp"
-#include "diagnosis/gain_trial.hpp"
-#include "diagnosis/order_check.hpp"
+#include "diagnosis/likely_mistake.hpp"
 #include "diagnosis/orientation_trial.hpp"
 #include "diagnosis/point_trial.hpp"
 #include "diagnosis/repeated_configurations.hpp"
@@ -92,13 +90,16 @@ public:
       try_joint_values_and_points();
     }
     if (tried && readings_.empty()) {
-      assess_gains();
-    }
-    if (tried && readings_.empty()) {
-      try_order();
-    }
-    if (readings_.empty()) {
-      readings_ = readings_of_lengths(model_, sample_.measurements, fit_, sample_.free);
+      const TrainingRows training(measurements_);
+      if (auto found = likely_mistake({.model = model_,
+                                       .measurements = *training,
+                                       .estimate = fit_,
+                                       .known = options_.registration.known,
+                                       .fix = options_.fix,
+                                       .uncertainty = options_.uncertainty,
+                                       .stated = options_.stated})) {
+        readings_.push_back(std::move(*found));
+      }
     }
     try_joint_functions();
     const std::vector<AlternativeReading> repeated = repeated_configurations(measurements_);
@@ -229,59 +230,6 @@ private:
     }
   }
 
-  // Whether a gain in the fit is too large for an effect.
-  bool has_wrong_gain() const {
-    for (std::size_t d = 0; d < model_.effects.size() && fit_.effects.size() > 0; ++d) {
-      const EffectTerm& term = model_.effects[d];
-      const double gain = fit_.effects[static_cast<Index>(d)] / term.scale;
-      if (term.group() == EffectGroup::gain && std::abs(gain) > kLeastWrongGain) {
-        return true;
-      }
-    }
-    return false;
-  }
-
-  void assess_gains() {
-    constexpr double kLeastShareToLook = 1e-4;  // of the arm's length
-    const auto joints = static_cast<double>(model_.joints.size());
-    const double freedom = sample_.freedom - joints;
-    if (!(freedom >= 1.0) || (!has_wrong_gain() && fitted_ < kLeastShareToLook * arm_length(model_))) {
-      return;
-    }
-    const std::optional<GainTrial> found = try_gains(model_, sample_.measurements, nominal_, sample_.free);
-    if (!found || std::abs(found->factor - 1.0) < kLeastWrongGain ||
-        !explains(found->rms, found->rms_rigid, freedom, joints)) {
-      return;
-    }
-    const MovingJoint& joint = model_.joints[found->joint];
-    const bool turns = joint.type != JointType::prismatic;
-    add_reading(
-        Cause::joint_gain,
-        fmt::format("{}{}{:.4g} times as far as its values say{} (a unit, a gear ratio or an encoder set wrong)",
-                    joint.name, turns ? " turning " : " moving ", found->factor,
-                    found->others > 0 ? fmt::format(", and {} more joints likewise", found->others) : ""),
-        found->rms, found->rms_rigid);
-  }
-
-  void try_order() {
-    const auto found = check_order(model_, sample_.measurements, fit_, sample_.free);
-    if (!found || found->kind == OrderFinding::Kind::step_of_target) {
-      return;
-    }
-    const std::string how =
-        fmt::format("{} (turned by {:.2g} mrad)", in_mm(found->moved), found->rotation.norm() * 1e3);
-    const std::string order = !has_order(sample_.measurements) ? " if the file is in the order of measurement" : "";
-    if (found->kind == OrderFinding::Kind::drift_of_base) {
-      add_reading(Cause::drift, "a base that drifts against the measuring device, by " + how + " in all," + order,
-                  found->left, fitted_);
-    } else {
-      add_reading(Cause::moved_base,
-                  "a base that moved against the measuring device by " + how + " after configuration " +
-                      sample_.measurements.configurations[static_cast<std::size_t>(found->last_before)] + order,
-                  found->left, fitted_);
-    }
-  }
-
   void try_joint_functions() {
     const double visits = static_cast<double>(X_BF_.size());
     const double rest = sample_.freedom / std::max(sample_.points_of_a_configuration, 1.0) - 6.0;
@@ -316,6 +264,25 @@ private:
 
 }  // namespace
 
+namespace {
+
+// [m] RMS of the measured coordinates and distances, `factor` times as long, from those of the nominal arm with
+// registered bases and targets.
+double nominal_misfit(const ErrorModel& model, Measurements rows, double factor) {
+  for (Observation& observation : rows.observations) {
+    observation.sigma = 0.0;
+    observation.position() *= factor;
+    if (auto* const distance = std::get_if<Distance>(&observation.reading)) {
+      distance->length *= factor;
+    }
+  }
+  const Estimate nominal = nominal_start(model, rows);
+  const double cost = LeastSquaresProblem(model, rows, Unknowns(model, nominal.frames.targets, {})).cost(nominal);
+  return std::sqrt(cost / dimension(rows));
+}
+
+}  // namespace
+
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements) {
   const double as_read = nominal_misfit(model, measurements, 1.0);
   if (!(as_read > kLeastMisfitOfAUnit)) {
@@ -331,52 +298,6 @@ std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const 
     }
   }
   return {};
-}
-
-std::vector<AlternativeReading> readings_of_stations(const ErrorModel& model, const Measurements& measurements,
-                                                     const Estimate& fit, const Unknowns& free, double most_left) {
-  constexpr double kLeastDeviation = 2e-4;  // of a factor from 1
-  constexpr double kAsGood = 1.25;          // of the misfit that effects leave
-  constexpr std::ptrdiff_t kFew = 3;        // configurations of a station
-  StationScales found = scales_of_stations(model, measurements, fit, free);
-  if (!model.effects.empty()) {  // they can hide a factor
-    Estimate rigid = fit;
-    rigid.effects.setZero();
-    StationScales alone = scales_of_stations(model, measurements, rigid, free.without(UnknownGroup::effects));
-    found = alone.left < kAsGood * found.misfit ? std::move(alone) : std::move(found);
-  }
-  const std::vector<std::int16_t> stations = stations_of_configurations(measurements);
-  std::vector<std::string> factors;
-  bool any_few = false;
-  for (const auto& [station, factor] : found.stations) {
-    if (std::abs(factor - 1.0) > kLeastDeviation) {
-      factors.push_back(fmt::format("{} {:.5g}", shown(measurements.stations[station]), factor));
-      any_few = any_few || std::count(stations.begin(), stations.end(), static_cast<std::int16_t>(station)) <= kFew;
-    }
-  }
-  if (factors.empty() || !explains(found.left, found.misfit, found.freedom, 1.0) ||
-      found.left > most_left * found.misfit) {
-    return {};
-  }
-  return {
-      {.cause = Cause::scale,
-       .message = fmt::format("lengths of the stations contradict each other: a misfit of {} instead of {} would be "
-                              "left with those of {} times as long{}; {}",
-                              in_mm(found.left), in_mm(found.misfit), comma_separated(factors),
-                              any_few ? " (or a row there is wrong)" : "", kUsedAsRead)}};
-}
-
-std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
-                                                    const Estimate& fit, const Unknowns& free) {
-  const CommonScale common = common_scale(model, measurements, fit, free);
-  if (std::abs(common.factor - 1.0) < kLeastCommonLength || common.p_value > kFalseAlarmRate) {
-    return {};
-  }
-  const std::string units = units_of_factor(common.factor);
-  return {{.cause = units.empty() ? Cause::scale : Cause::length_unit,
-           .message = fmt::format(
-               "all lengths of the arm are found {:.5g} times as long as nominal ({}); the fit absorbs that, {}",
-               common.factor, units.empty() ? kLengthsSetWrong : units, kUsedAsRead)}};
 }
 
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,

@@ -22,34 +22,28 @@ struct ReadingOptions {
   RegistrationOptions registration;
   const JointConvention* used = nullptr;  ///< the convention that converted the joint values to the URDF's
   std::vector<JointConvention> others;
-  double least_misfit = 0.0;  ///< [m] below this misfit only scales and copied rows are searched
-  std::string remark;         ///< text after the misfit in messages
+  double least_misfit = 0.0;          ///< [m] below this misfit only scales and copied rows are searched
+  std::string remark;                 ///< text after the misfit in messages
+  std::vector<std::string> fix = {};  ///< see FitToDoubt
+  double uncertainty = 0.0;           ///< [m] see FitToDoubt
+  NoiseModel stated = {};             ///< noise of the measurements
   int threads = 1;
 };
 
 /// Searches well-formed data for input mistakes, however small the misfit is. Tried are other readings of the joint
 /// values (see try_conventions), of the points (unit, mirror image, tool coordinates, targets exchanged from some
-/// configuration on), and a moving or drifting base. `fit` is the result, in which `free` was estimated. A reading is
-/// reported if its misfit is below a third of the result's misfit and of that of the same fit to the present reading.
-/// The difference must also be significant (F test). Scales show in the nominal geometry and in length errors
-/// proportional to their links. Joint gains beyond 1 % count as wrong units even if the fit has gains. For poses,
-/// points are tried first, then orientations (inverses, reordered components, single ones), then points derived from
-/// the orientations. Uses train rows of up to 300 configurations spread over the file (75 for that last trial).
+/// configuration on), and the mistakes of likely_mistake(). `fit` is the result, in which `free` was estimated. A
+/// reading is reported if its misfit is below a third of the result's misfit and of that of the same fit to the present
+/// reading. The difference must also be significant (F test). For poses, points are tried first, then orientations
+/// (inverses, reordered components, single ones), then points derived from the orientations. Uses train rows of up to
+/// 300 configurations spread over the file (75 for that last trial).
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});
 
-/// Of these checks those of lengths, for any number of stations and any kind of row. Whether they are a thousand times
-/// too long or too short for the nominal arm:
+/// Whether all lengths are a thousand times too long or too short for the nominal arm, for any number of stations and
+/// any kind of row.
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements);
-/// Whether those of several stations contradict each other. Reported if factors on the lengths of some stations leave
-/// less than a third of the misfit, and at most the share `most_left`:
-std::vector<AlternativeReading> readings_of_stations(const ErrorModel& model, const Measurements& measurements,
-                                                     const Estimate& fit, const Unknowns& free, double most_left);
-/// Whether the length errors are proportional to their links: a fit finds such errors if the distance of the sockets or
-/// all measured distances are wrong.
-std::vector<AlternativeReading> readings_of_lengths(const ErrorModel& model, const Measurements& measurements,
-                                                    const Estimate& fit, const Unknowns& free);
 
 /// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
 /// geometric errors are not reported as another reading. With too few points only base and targets are fitted, and

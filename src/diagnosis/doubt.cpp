@@ -7,7 +7,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::array<std::pair<Cause, const char*>, 27> kNames = {{
+constexpr std::array<std::pair<Cause, const char*>, 32> kNames = {{
     {Cause::joint_convention, "joint_convention"},
     {Cause::joint_sign, "joint_sign"},
     {Cause::joint_unit, "joint_unit"},
@@ -15,13 +15,18 @@ constexpr std::array<std::pair<Cause, const char*>, 27> kNames = {{
     {Cause::joint_gain, "joint_gain"},
     {Cause::joint_columns, "joint_columns"},
     {Cause::known_base, "known_base"},
+    {Cause::known_target, "known_target"},
     {Cause::length_unit, "length_unit"},
     {Cause::scale, "scale"},
+    {Cause::distance_zero, "distance_zero"},
     {Cause::mirrored, "mirrored"},
     {Cause::tool_frame, "tool_frame"},
     {Cause::exchanged_targets, "exchanged_targets"},
     {Cause::moved_base, "moved_base"},
     {Cause::drift, "drift"},
+    {Cause::moved_target, "moved_target"},
+    {Cause::joint_zero_changed, "joint_zero_changed"},
+    {Cause::payload_changed, "payload_changed"},
     {Cause::orientations, "orientations"},
     {Cause::joint_function, "joint_function"},
     {Cause::same_configuration, "same_configuration"},

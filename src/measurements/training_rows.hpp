@@ -20,6 +20,8 @@ public:
   explicit TrainingRows(Measurements&&) = delete;
 
   const Measurements& operator*() const { return apart_ ? *apart_ : all_; }
+  /// Those that they were taken from.
+  const Measurements& all() const { return all_; }
   /// Whether there are rows of another split.
   bool has_others() const { return apart_.has_value(); }
   /// Selects the training rows' values from those of all rows; empty for an empty list.

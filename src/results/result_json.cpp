@@ -220,6 +220,10 @@ Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise
                  {"radius_factor", predicted.region.radius_factor},
                  {"region", region_json(predicted.region)},
                  {"cells", cells_json(predicted.cells)}};
+  if (const TestedRadius& tested = predicted.tested; tested.configurations > 0) {
+    result["tested"] = {
+        {"configurations", tested.configurations}, {"outside", tested.outside}, {"p_value", tested.p_value}};
+  }
   if (!predicted.asked.empty()) {
     result["asked"] = asked_json(predicted.asked, in_base);
   }

@@ -42,6 +42,24 @@ TEST(FDistribution, TailIsThatOfTheTables) {
 }
 
 // With four degrees of freedom the tail of chi-squared is exp(-x/2) (1 + x/2).
+// Against the sum of the probabilities of each number.
+TEST(Binomial, UpperTailIsTheSumOfItsTerms) {
+  for (const int trials : {1, 3, 12, 40}) {
+    double sum = 1.0;
+    for (int least = 0; least <= trials; ++least) {
+      EXPECT_NEAR(binomial_upper_tail(least, trials, 0.05) / sum, 1.0, 1e-9) << least << " of " << trials;
+      sum = 0.0;
+      double other = std::pow(0.95, trials);
+      for (int k = 0; k <= trials; ++k) {
+        sum += k > least ? other : 0.0;
+        other *= 0.05 / 0.95 * (trials - k) / (k + 1.0);
+      }
+    }
+    EXPECT_EQ(binomial_upper_tail(trials + 1, trials, 0.05), 0.0);
+  }
+  EXPECT_EQ(binomial_upper_tail(0, 0, 0.05), 1.0);
+}
+
 TEST(ChiSquared, TailHasItsClosedFormAlsoAsTheLimitOfF) {
   const double infinity = std::numeric_limits<double>::infinity();
   for (const double x : {0.1, 2.0, 9.4877, 40.0}) {

@@ -56,7 +56,7 @@ struct Uncertain : testing::VirtualExperiment {
                                .noise = noise,
                                .held_out = held_out,
                                .optimism = optimism},
-                              measured, asked);
+                              TrainingRows(measured), asked);
   }
 
   void ask(const MatrixXd& q) {
@@ -105,6 +105,28 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
     EXPECT_EQ(point.degrees_of_freedom, fresh.degrees_of_freedom);
     EXPECT_EQ(point.outside, c == 2);
   }
+}
+
+// Test rows are moved by a share of the radius of their point.
+TEST(PredictedAccuracy, CountsTheTestConfigurationsOutsideTheirRadius) {
+  Uncertain u(3);
+  Measurements measured = u.measure(60);
+  u.ask(measured.joint_values);
+  const std::vector<AskedPoint> points = u.predicted(measured).asked;
+  for (Observation& o : measured.observations) {
+    if (o.configuration < 4) {
+      continue;
+    }
+    const auto at = static_cast<std::size_t>(o.configuration) * 3 + static_cast<std::size_t>(o.target);
+    const double share = o.configuration < 8 ? 1.01 : o.configuration == 8 ? 5.0 : 0.99;
+    o.split = o.configuration < 12 ? Split::test : Split::train;
+    o.position() = points[at].position_W + share * points[at].radius_95 * Eigen::Vector3d(0.6, 0.0, -0.8);
+  }
+  const TestedRadius tested = u.predicted(measured).tested;
+  EXPECT_EQ(tested.outside, 5);
+  EXPECT_EQ(tested.configurations, 8);
+  EXPECT_LT(tested.p_value, 1e-4);
+  EXPECT_EQ(u.predicted(u.measure(12)).tested.configurations, 0);
 }
 
 TEST(PredictedAccuracy, WhereItWasMeasuredIsThatOfTheFirstThousandConfigurations) {

@@ -238,7 +238,7 @@ TEST(AnotherUnit, IsNotNamedWhereFewRowsLeaveLittle) {
 }
 TEST(AnotherUnitLongRun, IsNotNamedWhereFewRowsLeaveLittle) { expect_no_other_unit_where_few_rows_leave_little({}, 8); }
 
-TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToDiffer) {
+TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToHaveOne) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(2)});
   experiment.robot = at_stations(experiment.robot, 3, experiment.random);
   Measurements measurements = experiment.measure(80, {.sigma = kNoise});
@@ -247,8 +247,8 @@ TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToDiffer) {
   }
   const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements).doubts();
   ASSERT_FALSE(doubts.empty());
-  EXPECT_EQ(doubts.front().cause, Cause::large_misfit);
-  EXPECT_THAT(doubts.front().message, HasSubstr("a constant error of all distances"));
+  EXPECT_EQ(doubts.front().cause, Cause::distance_zero);
+  EXPECT_THAT(doubts.front().message, HasSubstr("all distances 10"));
 }
 
 // Three directions of each base are open, so that 21 + 4 x 3 unknowns are left for 40 coordinates.

@@ -1,0 +1,277 @@
+#include "diagnosis/likely_mistake.hpp"
+
+#include <fmt/core.h>
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/text.hpp"
+#include "diagnosis/changes_midway.hpp"
+#include "diagnosis/mistake_trial.hpp"
+#include "diagnosis/point_trial.hpp"
+#include "diagnosis/trial_fit.hpp"
+#include "measurements/readings.hpp"
+#include "model/parameters.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// Factors on lengths are linear near 1; larger ones are other units, or nothing but noise.
+MistakeTrial scale_trial(const std::string& which) {
+  constexpr double kLargest = 0.2;
+  return {.cause = Cause::scale,
+          .words =
+              [which](const Explained& found) {
+                const double factor = 1.0 + found.estimate[0];
+                const std::string units = units_of_factor(factor);
+                return fmt::format("{} {:.5g} times as long ({})", which, factor,
+                                   units.empty() ? "unit, temperature or instrument set wrong" : units);
+              },
+          .largest = kLargest};
+}
+
+void make_longer(Observation& row, const Vector3d& predicted, double step) {
+  if (auto* const distance = std::get_if<Distance>(&row.reading)) {
+    distance->length += step * (predicted - distance->anchor).norm();
+    distance->anchor *= 1.0 + step;
+  } else {
+    row.position() += step * predicted;
+  }
+}
+
+void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
+  const MatrixXd C = fit.disturbed(make_longer);
+  MistakeFamily all;
+  all.add(explanations, explanations.sums(C), [] { return scale_trial("all measured lengths"); });
+  families.push_back(std::move(all));
+
+  const std::vector<std::string>& stations = fit.rows().stations;
+  MistakeFamily of_stations;
+  for (std::size_t station = 0; station < stations.size() && stations.size() > 1; ++station) {
+    MatrixXd own = C;
+    for (Index c = 0; c < fit.rows().joint_values.cols(); ++c) {
+      const auto [first, count] = fit.rows_of(c);
+      own.middleRows(first, count) *= fit.station(c) == station ? 1.0 : 0.0;
+    }
+    of_stations.add(explanations, explanations.sums(own),
+                    [&] { return scale_trial("lengths of station " + shown(stations[station])); });
+  }
+  families.push_back(std::move(of_stations));
+
+  MistakeFamily of_axes;
+  for (Index axis = 0; axis < 3; ++axis) {
+    const MatrixXd along = fit.disturbed([&](Observation& o, const Vector3d& predicted, double step) {
+      o.position()[axis] += is_distance(o) ? 0.0 : step * predicted[axis];
+    });
+    of_axes.add(explanations, explanations.sums(along),
+                [&] { return scale_trial(fmt::format("coordinates {}", "xyz"[axis])); });
+  }
+  families.push_back(std::move(of_axes));
+}
+
+void try_constants(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
+  const auto constant = [](const std::string& which) {
+    return MistakeTrial{.cause = Cause::distance_zero, .words = [which](const Explained& found) {
+                          return fmt::format("{} {} too {} (zero of the instrument)", which,
+                                             said_length(std::abs(found.estimate[0])),
+                                             found.estimate[0] > 0.0 ? "long" : "short");
+                        }};
+  };
+  MistakeFamily constants;
+  if (std::any_of(fit.rows().observations.begin(), fit.rows().observations.end(), is_distance)) {
+    const MatrixXd zero = fit.disturbed([](Observation& o, const Vector3d& /*predicted*/, double step) {
+      if (auto* const distance = std::get_if<Distance>(&o.reading)) {
+        distance->length += step;
+      }
+    });
+    constants.add(explanations, explanations.sums(zero), [&] { return constant("all distances"); });
+  } else if (fit.has_tracker()) {  // which is at the origin of W
+    const MatrixXd sight = fit.disturbed([](Observation& o, const Vector3d& predicted, double step) {
+      o.position() += step * predicted.stableNormalized();
+    });
+    constants.add(explanations, explanations.sums(sight), [&] { return constant("distances from the tracker"); });
+  }
+  families.push_back(std::move(constants));
+}
+
+// Sums of the columns M of J, each configuration's rows times a weight.
+AlternativeSums weighted(const OrdinaryFit& fit, const Explanations& explanations, const VectorXd& weights,
+                         const MatrixXd& M) {
+  MatrixXd C = fit.linear().jacobian * M;
+  for (Index c = 0; c < weights.size(); ++c) {
+    const auto [first, count] = fit.rows_of(c);
+    C.middleRows(first, count) *= weights[c];
+  }
+  return explanations.sums(C);
+}
+
+void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
+  MistakeFamily gains;
+  for (const std::size_t d : fit.effects_of(EffectGroup::gain)) {
+    const MatrixXd M = fit.unit_columns(UnknownGroup::effects, {d});
+    gains.add(explanations, explanations.sums(fit.linear().jacobian * M), [&, d] {
+      const EffectTerm& term = fit.model().effects[d];
+      const MovingJoint& joint = fit.model().joints[static_cast<std::size_t>(term.index)];
+      return MistakeTrial{.cause = Cause::joint_gain,
+                          .motion = {.of_robot = M},
+                          .words = [&joint, scale = term.scale](const Explained& found) {
+                            return fmt::format(
+                                "{}{}{:.4g} times as far as its values say (unit, gear ratio or encoder set wrong)",
+                                joint.name, joint.type != JointType::prismatic ? " turning " : " moving ",
+                                1.0 + found.estimate[0] / scale);
+                          }};
+    });
+  }
+  families.push_back(std::move(gains));
+
+  MistakeFamily couplings;
+  for (std::size_t joint = 1; joint < fit.model().joints.size(); ++joint) {
+    if (const std::optional<MatrixXd> M = fit.of_zero(joint)) {
+      const VectorXd before = fit.rows().joint_values.row(static_cast<Index>(joint) - 1);
+      couplings.add(explanations, weighted(fit, explanations, before, *M), [&, joint] {
+        return MistakeTrial{.cause = Cause::joint_gain, .words = [&fit, joint](const Explained& found) {
+                              return fmt::format("{} moving by {:.3g} of the motion of {} (coupled gears)",
+                                                 fit.model().joints[joint].name, found.estimate[0],
+                                                 fit.model().joints[joint - 1].name);
+                            }};
+      });
+    }
+  }
+  families.push_back(std::move(couplings));
+}
+
+void try_stated_frames(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
+  MistakeFamily stated;
+  const auto off = [](const std::string& what) {
+    return [=](const Explained& found) {
+      return fmt::format("{} {} from where it was stated", what, said_length(found.estimate.head<3>().norm()));
+    };
+  };
+  for (std::size_t station = 0; station < fit.model().stations.size(); ++station) {
+    if (find_base(fit.known().bases, fit.model().stations[station]) != nullptr) {
+      stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_base(station)),
+                 [&] { return MistakeTrial{.cause = Cause::known_base, .words = off("the known base")}; });
+    }
+  }
+  for (std::size_t k = 0; k < fit.targets().size(); ++k) {
+    const std::string& name = fit.targets()[k].name;
+    if (find_target(fit.known().targets, name) != nullptr) {
+      stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_target(k)),
+                 [&] { return MistakeTrial{.cause = Cause::known_target, .words = off("target " + shown(name))}; });
+    }
+  }
+  families.push_back(std::move(stated));
+}
+
+// A trial that is significant and moves predictions.
+struct Found {
+  MistakeTrial trial;
+  Explained explained;
+  double evidence = 0.0;
+  double left = 0.0;    // [m] misfit
+  double radius = 0.0;  // [m] of predictions without the mistake
+};
+
+std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const Explanations& explanations,
+                             const OrdinaryFit& fit, double uncertainty) {
+  constexpr double kFalseAlarm = 1e-5;
+  constexpr double kHopeless = -5.0;  // first evidence
+  constexpr std::size_t kMostFitted = 8;
+  constexpr double kRadius = 1.614;  // 95 % radius over the 3D RMS, of alike normal coordinates
+  std::vector<const MistakeFamily*> tried;
+  for (const MistakeFamily& family : families) {
+    if (family.best && family.evidence > kHopeless) {
+      tried.push_back(&family);
+    }
+  }
+  std::sort(tried.begin(), tried.end(),
+            [](const MistakeFamily* a, const MistakeFamily* b) { return a->evidence > b->evidence; });
+  tried.resize(std::min(tried.size(), kMostFitted));
+  std::optional<Found> result;
+  const double rms = fit.misfit();
+  for (const MistakeFamily* family : tried) {
+    const Explained explained = explanations.explained(family->best->sums, family->best->motion);
+    const double left = rms * std::sqrt(explained.share_left);
+    const double radius = kRadius * std::hypot(uncertainty * left / rms, left);
+    const Found found{.trial = *family->best,
+                      .explained = explained,
+                      .evidence = explained.evidence - std::log(family->trials),
+                      .left = left,
+                      .radius = radius};
+    const bool significant = explained.p_value * family->trials < kFalseAlarm;
+    const bool matters =
+        std::min(explained.moves, explained.size) > radius && explained.estimate.norm() <= family->best->largest;
+    if (significant && matters && found.evidence > (result ? result->evidence : 0.0)) {
+      result = found;
+    }
+  }
+  return result;
+}
+
+AlternativeReading said(const Found& found, const OrdinaryFit& fit) {
+  return {.cause = found.trial.cause,
+          .message = fmt::format("as read the measurements leave a misfit of {}; with {} it is {}, and predictions "
+                                 "move by {} (their radius: {}); {}",
+                                 said_length(fit.misfit()), found.trial.words(found.explained), said_length(found.left),
+                                 said_length(found.explained.moves), said_length(found.radius), kUsedAsRead)};
+}
+
+std::optional<Found> best_mistake(const OrdinaryFit& fit, const FitToDoubt& doubted) {
+  if (!(fit.misfit() > 0.0)) {
+    return std::nullopt;
+  }
+  const Explanations explanations(fit.linear());
+  std::vector<MistakeFamily> families;
+  try_stated_frames(fit, explanations, families);
+  if (doubted.fix.empty()) {  // errors that are held although the arm has them look like anything else
+    try_lengths(fit, explanations, families);
+    try_constants(fit, explanations, families);
+    try_joints(fit, explanations, families);
+    try_changes(fit, explanations, families);
+  }
+  return best_of(families, explanations, fit, doubted.uncertainty);
+}
+
+}  // namespace
+
+// A configuration of its own is named by other checks. What remains without it is looked at again.
+std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit) {
+  constexpr int kMostLeftOut = 3;
+  if (!fit.fix.empty()) {  // where errors are held, a stated frame alone
+    const OrdinaryFit ordinary(fit);
+    if (const std::optional<Found> found = best_mistake(ordinary, fit)) {
+      return said(*found, ordinary);
+    }
+  }
+  Measurements rows = fit.measurements;
+  for (int round = 0; round <= kMostLeftOut && !rows.observations.empty(); ++round) {
+    const FitToDoubt rest{.model = fit.model,
+                          .measurements = rows,
+                          .estimate = fit.estimate,
+                          .known = fit.known,
+                          .uncertainty = fit.uncertainty,
+                          .stated = fit.stated};
+    const OrdinaryFit ordinary(rest);
+    const std::optional<Found> found = best_mistake(ordinary, rest);
+    if (!found) {
+      return std::nullopt;
+    }
+    if (!found->trial.alone) {
+      return said(*found, ordinary);
+    }
+    std::erase_if(rows.observations, [&](const Observation& o) {
+      return rows.configurations[static_cast<std::size_t>(o.configuration)] == *found->trial.alone;
+    });
+  }
+  return std::nullopt;
+}
+
+}  // namespace kdl_calibration

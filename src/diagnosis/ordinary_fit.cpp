@@ -1,0 +1,339 @@
+#include "diagnosis/ordinary_fit.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "base/name_pattern.hpp"
+#include "base/random.hpp"
+#include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
+#include "estimation/least_squares.hpp"
+#include "estimation/prediction.hpp"
+#include "measurements/drive_signals.hpp"
+#include "measurements/readings.hpp"
+#include "measurements/stations.hpp"
+#include "measurements/training_rows.hpp"
+#include "model/kinematics.hpp"
+#include "model/parameters.hpp"
+#include "robot/joint_ranges.hpp"
+
+namespace kdl_calibration {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+// Ordinary sizes, 1 sigma.
+constexpr double kOrdinaryLength = 1e-3;  // [m]
+constexpr double kOrdinaryAngle = 1e-3;   // [rad]
+constexpr double kOrdinaryOffset = 2e-3;  // [rad or m] of a joint's zero
+constexpr double kOrdinaryGain = 1e-3;
+constexpr double kOrdinarySag = 5e-4;     // [rad or m] of a joint under gravity
+constexpr double kOrdinaryEffect = 1e-4;  // [rad or m] of any other effect
+constexpr double kAnywhere = 10.0;        // [m or rad] of a frame of which nothing is known
+
+// The model with all effects that a joint ordinarily has, beside those of the fit.
+ErrorModel with_usual_effects(ErrorModel model) {
+  for (EffectTerm& term : load_and_gain_terms(model)) {
+    const auto is_same = [&](const EffectTerm& other) { return other.name == term.name; };
+    if (std::none_of(model.effects.begin(), model.effects.end(), is_same)) {
+      model.effects.push_back(std::move(term));
+    }
+  }
+  return model;
+}
+
+double ordinary_size(const EffectTerm& term) {
+  switch (term.group()) {
+    case EffectGroup::gain:
+      return kOrdinaryGain * term.scale;
+    case EffectGroup::gravity:
+      return kOrdinarySag;
+    default:
+      return kOrdinaryEffect;
+  }
+}
+
+double ordinary_size(const ErrorModel& model, const ErrorParameter& parameter) {
+  return parameter.kind == ParameterKind::joint_offset ? kOrdinaryOffset
+         : is_length(model, parameter)                 ? kOrdinaryLength
+                                                       : kOrdinaryAngle;
+}
+
+constexpr std::size_t kMostSampled = 3000;  // configurations
+
+}  // namespace
+
+OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
+    : fit_(fit),
+      rows_(training_sample(fit.measurements, kMostSampled)),
+      model_(with_usual_effects(fit.model)),
+      estimate_(fit.estimate),
+      wide_(Unknowns(model_, fit.estimate.frames.targets, {})
+                .with_group(model_, UnknownGroup::base)
+                .with_group(model_, UnknownGroup::geometric)
+                .with_group(model_, UnknownGroup::effects)
+                .with_group(model_, UnknownGroup::targets)),
+      stations_(stations_of_configurations(rows_)) {
+  const Index known = estimate_.effects.size();
+  estimate_.effects.conservativeResize(std::ssize(model_.effects));
+  estimate_.effects.tail(std::ssize(model_.effects) - known).setZero();
+  options_.noise = fit.stated;
+  result_ = estimate_;
+  linearise();
+  for (std::size_t row = 0; row < linear_.strata.size(); ++row) {
+    const double residual = linear_.residual[static_cast<Index>(row)];
+    linear_.doubted_squares += linear_.strata[row] != RowStratum::orientations ? residual * residual : 0.0;
+  }
+  // A result with few parameters may have larger errors than the arm: they are far from the ordinary ones.
+  constexpr int kMostSteps = 5;
+  constexpr double kNear = 0.2;  // of ordinary sizes
+  for (int pass = 0; pass < kMostSteps; ++pass) {
+    const VectorXd step = Explanations(linear_).ordinary_step();
+    estimate_ = wide_.moved(Estimate(estimate_), step);
+    linearise();
+    const VectorXd sizes = linear_.sizes.cwiseMax(1e-300);
+    if (step.cwiseQuotient(sizes).cwiseAbs().maxCoeff() < kNear) {
+      break;
+    }
+  }
+}
+
+// [m] RMS over the rows, along their measured directions.
+double OrdinaryFit::misfit() const {
+  double squares = 0.0;
+  for (const Vector3d& residual : residuals_of(model_, result_, rows_)) {
+    squares += residual.squaredNorm();
+  }
+  return std::sqrt(squares / static_cast<double>(rows_.observations.size()));
+}
+
+// Ordinary lengths and rounding are those of an arm up to ten metres; they grow with larger ones.
+double OrdinaryFit::size_of_arm() const {
+  constexpr double kLargeArm = 10.0;  // [m]
+  return std::max(1.0, arm_length(model_) / kLargeArm);
+}
+
+WhitenedSystem OrdinaryFit::whitened(const Measurements& rows, const Unknowns& unknowns) const {
+  return LeastSquaresProblem(model_, rows, unknowns, options_).whitened(estimate_);
+}
+
+void OrdinaryFit::linearise() {
+  constexpr double kRounding = 1e-7;  // [m] of an arm up to that size
+  constexpr int kPredicted = 200;
+  const WhitenedSystem system = whitened(rows_, wide_);
+  blocks_ = system.blocks;
+  linear_.jacobian = system.jacobian.topRows(blocks_.back());
+  linear_.residual = system.residual.head(blocks_.back());
+  split_into_strata();
+  turn(linear_.jacobian);
+  linear_.residual = turned(linear_.residual);
+  linear_.weight = LeastSquaresProblem(model_, rows_, {}, options_).total_weight();
+  const double rounding = kRounding * size_of_arm();
+  linear_.least_variance.setConstant(rounding * rounding * linear_.weight / points_);
+
+  linear_.is_error.clear();
+  linear_.sizes = VectorXd(wide_.size());
+  linear_.values = wide_.values(estimate_);
+  for (Index column = 0; column < wide_.size(); ++column) {
+    const Unknown& unknown = wide_.columns()[static_cast<std::size_t>(column)];
+    const bool effect = unknown.group == UnknownGroup::effects;
+    const bool usual = effect || unknown.group == UnknownGroup::geometric;
+    linear_.is_error.push_back(unknown.group == UnknownGroup::geometric);
+    linear_.sizes[column] = is_held(unknown) ? 0.0
+                            : effect         ? ordinary_size(model_.effects[unknown.index])
+                            : usual          ? ordinary_size(model_, model_.parameters[unknown.index])
+                                             : kAnywhere;
+    linear_.sizes[column] *= unknown.length ? size_of_arm() : 1.0;
+    linear_.values[column] *= usual ? 1.0 : 0.0;
+  }
+
+  predict(kPredicted);
+}
+
+// Predictions in the measured ranges. A torque is known only where it was measured.
+void OrdinaryFit::predict(int count) {
+  Random random(1);
+  const bool measured = needs_torques(model_);
+  const Measurements sample = training_sample(rows_, static_cast<std::size_t>(count));
+  const MatrixXd places =
+      measured ? sample.joint_values : random_configurations(model_.joints, trained_ranges(rows_), count, random);
+  const DriveSignals signals = measured ? sample.signals : DriveSignals();
+  const PositionPredictor predictor(model_, estimate_, wide_);
+  const std::vector<Eigen::Isometry3d> here = flange_poses(model_, estimate_, places, signals);
+  const std::vector<Eigen::Isometry3d> doubted = flange_poses(model_, result_, places, signals);
+  const std::size_t targets = estimate_.frames.targets.size();
+  linear_.predicted = MatrixXd(3 * static_cast<Index>(targets) * places.cols(), wide_.size());
+  linear_.offset = VectorXd(linear_.predicted.rows());
+  Index row = 0;
+  for (std::size_t c = 0; c < here.size(); ++c) {
+    const auto place = static_cast<Index>(c);
+    const auto jacobians = predictor.jacobians(places.col(place), column(signals, place));
+    for (std::size_t k = 0; k < targets; ++k) {
+      linear_.predicted.middleRows<3>(row) = jacobians[k];
+      linear_.offset.segment<3>(row) = here[c] * estimate_.frames.targets[k].X_FT.translation() -
+                                       doubted[c] * result_.frames.targets[k].X_FT.translation();
+      row += 3;
+    }
+  }
+}
+
+// Which rows are means over the points of a configuration after turn(). Only configurations of several whole points
+// are split; all rows of others have the variance of what their points share.
+void OrdinaryFit::split_into_strata() {
+  struct Of {
+    double coordinates = 0.0;
+    Index points = 0;
+    Index orientations = 0;
+    bool whole = true;
+  };
+  std::vector<Of> all(blocks_.size() - 1);
+  linear_.coordinates.setZero();
+  split_.clear();
+  points_ = 0.0;
+  for (const Observation& mean : averaged(rows_).observations) {
+    Of& own = all[static_cast<std::size_t>(mean.configuration)];
+    own.coordinates += dimension(mean.reading);
+    own.points += 1;
+    own.orientations += has_orientation(mean) ? 1 : 0;
+    own.whole = own.whole && is_whole(mean);
+    points_ += 1.0;
+  }
+  linear_.strata.assign(static_cast<std::size_t>(blocks_.back()), RowStratum::shared);
+  const auto mark = [&](Index first, Index end, RowStratum stratum) {
+    std::fill(linear_.strata.begin() + first, linear_.strata.begin() + end, stratum);
+  };
+  for (std::size_t c = 0; c < all.size(); ++c) {
+    const Of& own = all[c];
+    const bool split = own.whole && own.points > 1;
+    const Index orientations = blocks_[c + 1] - 3 * own.orientations;
+    split_.push_back(split ? own.points : 0);
+    if (split) {
+      mark(blocks_[c] + 3, orientations, RowStratum::of_points);
+    }
+    mark(orientations, blocks_[c + 1], RowStratum::orientations);
+    linear_.coordinates[0] += split ? 3.0 : own.coordinates;
+    linear_.coordinates[1] += split ? own.coordinates - 3.0 : 0.0;
+    linear_.coordinates[2] += 3.0 * static_cast<double>(own.orientations);
+  }
+}
+
+// In place, each configuration's points by an orthogonal transformation: their mean, and differences of each from
+// the mean of those before (Helmert).
+void OrdinaryFit::turn(MatrixXd& rows) const {
+  for (std::size_t c = 0; c + 1 < blocks_.size(); ++c) {
+    if (split_[c] == 0) {
+      continue;
+    }
+    const Index m = split_[c];
+    MatrixXd H = MatrixXd::Constant(m, m, 1.0 / std::sqrt(static_cast<double>(m)));
+    for (Index i = 1; i < m; ++i) {
+      const auto n = static_cast<double>(i);
+      H.row(i).setZero();
+      H.row(i).head(i).setConstant(1.0 / std::sqrt(n * (n + 1.0)));
+      H(i, i) = -n / std::sqrt(n * (n + 1.0));
+    }
+    for (Index axis = 0; axis < 3; ++axis) {
+      const auto own = Eigen::seqN(blocks_[c] + axis, m, 3);
+      const MatrixXd along = rows(own, Eigen::all);
+      rows(own, Eigen::all) = MatrixXd(H * along);
+    }
+  }
+}
+
+VectorXd OrdinaryFit::turned(const VectorXd& rows) const {
+  MatrixXd result = rows;
+  turn(result);
+  return result;
+}
+
+bool OrdinaryFit::is_held(const Unknown& unknown) const {
+  switch (unknown.group) {
+    case UnknownGroup::base:
+      return find_base(fit_.known.bases, model_.stations[unknown.index / 6]) != nullptr;
+    case UnknownGroup::geometric:
+      return std::any_of(fit_.fix.begin(), fit_.fix.end(),
+                         [&](const std::string& pattern) { return matches_pattern(pattern, unknown.name); });
+    case UnknownGroup::effects:
+      return false;
+    case UnknownGroup::targets:
+      return find_target(fit_.known.targets, estimate_.frames.targets[unknown.index / 6].name) != nullptr;
+  }
+  return false;
+}
+
+MatrixXd OrdinaryFit::unit_columns(UnknownGroup group, const std::vector<std::size_t>& indices) const {
+  MatrixXd result = MatrixXd::Zero(wide_.size(), std::ssize(indices));
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    result(*wide_.column(group, indices[i]), static_cast<Index>(i)) = 1.0;
+  }
+  return result;
+}
+
+MatrixXd OrdinaryFit::of_base(std::size_t station) const {
+  const std::size_t first = 6 * station;
+  return unit_columns(UnknownGroup::base, {first, first + 1, first + 2, first + 3, first + 4, first + 5});
+}
+
+MatrixXd OrdinaryFit::of_target(std::size_t k) const {
+  return unit_columns(UnknownGroup::targets, {6 * k, 6 * k + 1, 6 * k + 2});
+}
+// A motion of all targets in the flange frame.
+MatrixXd OrdinaryFit::of_tool() const {
+  MatrixXd result = MatrixXd::Zero(wide_.size(), 6);
+  for (std::size_t k = 0; k < estimate_.frames.targets.size(); ++k) {
+    const MatrixXd own = of_target(k);
+    const Vector3d t = estimate_.frames.targets[k].X_FT.translation();
+    for (Index axis = 0; axis < 3; ++axis) {
+      result.col(axis) += own.col(axis);
+      result.col(3 + axis) += own * Vector3d::Unit(axis).cross(t);
+    }
+  }
+  return result;
+}
+
+std::optional<MatrixXd> OrdinaryFit::of_zero(std::size_t joint) const {
+  for (std::size_t p = 0; p < model_.parameters.size(); ++p) {
+    if (model_.parameters[p].kind == ParameterKind::joint_offset &&
+        model_.parameters[p].frame == static_cast<int>(joint)) {
+      return unit_columns(UnknownGroup::geometric, {p});
+    }
+  }
+  return std::nullopt;
+}
+
+std::vector<std::size_t> OrdinaryFit::effects_of(EffectGroup group) const {
+  std::vector<std::size_t> result;
+  for (std::size_t d = 0; d < model_.effects.size(); ++d) {
+    if (model_.effects[d].group() == group) {
+      result.push_back(d);
+    }
+  }
+  return result;
+}
+
+MatrixXd OrdinaryFit::disturbed(const Disturbance& disturb) const {
+  constexpr double kStep = 1e-3;
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model_, estimate_, rows_);
+  Measurements rows = rows_;
+  for (Observation& observation : rows.observations) {
+    disturb(observation, predicted_point(estimate_, X_BF, observation), kStep);
+  }
+  return (turned(whitened(rows, {}).residual) - linear_.residual) / kStep;
+}
+
+std::size_t OrdinaryFit::station(Index configuration) const {
+  return static_cast<std::size_t>(stations_[static_cast<std::size_t>(configuration)]);
+}
+
+std::pair<Index, Index> OrdinaryFit::rows_of(Index configuration) const {
+  const auto block = static_cast<std::size_t>(configuration);
+  return {blocks_[block], blocks_[block + 1] - blocks_[block]};
+}
+
+}  // namespace kdl_calibration

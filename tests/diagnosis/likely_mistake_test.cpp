@@ -1,0 +1,212 @@
+#include "diagnosis/likely_mistake.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "geometry_alone.hpp"
+#include "interface/calibration_parts.hpp"
+#include "interface/ways_to_measure.hpp"
+#include "kdl_calibration/calibrate.hpp"
+#include "mistake_table.hpp"
+
+namespace kdl_calibration::likely_mistake_test {
+namespace {
+
+using Eigen::Vector3d;
+using testing::Draw;
+using testing::for_rows;
+using ::testing::HasSubstr;
+using testing::large_arm;
+using testing::light_arm;
+using testing::Measured;
+using testing::measured;
+
+std::optional<AlternativeReading> mistake_of(const Measured& m, const KnownFrames& known = {}) {
+  const Estimate fit =
+      identify_jointly(m.model, m.data, nominal_start(m.model, m.data, {.known = known}), m.free).estimate;
+  return likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = known});
+}
+
+void move_base(Measured& m, int from, const Vector3d& step, double angle) {
+  for_rows(m, [&](Observation& o) {
+    if (o.configuration >= from) {
+      o.position() = rotation_exp({angle, 0.0, -angle}) * o.position() + step;
+    }
+  });
+}
+
+// The points of other joint values than those of the file.
+void drive(Measured& m, int from, const std::function<void(Eigen::VectorXd&)>& change) {
+  Measured driven = m;
+  for (int c = from; c < driven.data.joint_values.cols(); ++c) {
+    Eigen::VectorXd q = driven.data.joint_values.col(c);
+    change(q);
+    driven.data.joint_values.col(c) = q;
+  }
+  for_rows(m, [&](Observation& o) {
+    if (o.configuration >= from) {
+      const Vector3d target = m.truth.frames.targets[static_cast<std::size_t>(o.target)].X_FT.translation();
+      o.position() +=
+          testing::true_flange(driven, o.configuration) * target - testing::true_flange(m, o.configuration) * target;
+    }
+  });
+}
+
+struct Case {
+  const char* name;
+  Measured m;
+  Cause cause;
+  const char* words;
+};
+
+std::vector<Case> cases() {
+  const Vector3d step(8e-4, -6e-4, 4e-4);
+  const auto good = [](std::uint64_t seed) {
+    return measured(large_arm(), seed, {.configurations = 24, .length = 0.0003, .angle = 0.0003});
+  };
+  const auto large = [](std::uint64_t seed) { return measured(large_arm(), seed, {.configurations = 24}); };
+  std::vector<Case> all;
+  const auto add = [&](const char* name, Cause cause, const char* words, Measured m,
+                       const std::function<void(Measured&)>& make) {
+    make(m);
+    all.push_back({name, std::move(m), cause, words});
+  };
+  add("a step", Cause::moved_base, "the base changed by ", large(1),
+      [&](Measured& m) { move_base(m, 7, 3.0 * step, 0.0); });
+  add("a turn", Cause::moved_base, "after configuration 9", measured(light_arm(), 2, {.configurations = 24}),
+      [&](Measured& m) { move_base(m, 9, Vector3d::Zero(), 0.004); });
+  add("two visits behind", Cause::moved_base, "after configuration 22", large(3),
+      [&](Measured& m) { move_base(m, 22, 10.0 * step, 0.0); });
+  add("repeats", Cause::moved_base, "after configuration 8",
+      measured(large_arm(), 4, {.configurations = 24, .repeats = 2}),
+      [&](Measured& m) { move_base(m, 8, 3.0 * step, 0.0); });
+  add("one target", Cause::moved_base, "after configuration 12",
+      measured(light_arm(), 5, {.configurations = 24, .targets = 1}),
+      [&](Measured& m) { move_base(m, 12, 10.0 * step, 0.0); });
+  add("a drift", Cause::drift, "drifts", large(6),
+      [&](Measured& m) { for_rows(m, [&](Observation& o) { o.position() += o.configuration / 23.0 * 9.0 * step; }); });
+  add("a target", Cause::moved_target, "target 'C' changed by 5.", large(7), [&](Measured& m) {
+    for_rows(m, [&](Observation& o) {
+      if (o.target == 2 && o.configuration >= 6) {
+        o.position() += testing::true_flange(m, o.configuration).linear() * (5.0 * step);
+      }
+    });
+  });
+  add("a zero", Cause::joint_zero_changed, "the zero of joint_3 changed by ", large(8),
+      [&](Measured& m) { drive(m, 12, [](Eigen::VectorXd& q) { q[2] += 0.002; }); });
+  add("a gain", Cause::joint_gain, "turning 1.01 times", large(9),
+      [&](Measured& m) { drive(m, 0, [](Eigen::VectorXd& q) { q[1] *= 1.01; }); });
+  add("coupled joints", Cause::joint_gain, "coupled", large(10),
+      [&](Measured& m) { drive(m, 0, [](Eigen::VectorXd& q) { q[2] += 0.01 * q[1]; }); });
+  add("lengths", Cause::scale, "all measured lengths 1.00", good(11),
+      [&](Measured& m) { for_rows(m, [](Observation& o) { o.position() *= 1.008; }); });
+  add("heights", Cause::scale, "coordinates z 1.00", large(12),
+      [&](Measured& m) { for_rows(m, [](Observation& o) { o.position().z() *= 1.004; }); });
+  return all;
+}
+
+// What a whole configuration has is named by other checks; what the rest has is found beside it.
+TEST(LikelyMistake, IsFoundBesideAConfigurationThatIsOff) {
+  Measured m = measured(large_arm(), 13, {.configurations = 24});
+  drive(m, 0, [](Eigen::VectorXd& q) { q[1] *= 1.01; });
+  const auto displace = [](Measured& one) {
+    for_rows(one,
+             [](Observation& o) { o.position() += (o.configuration == 5 ? 0.3 : 0.0) * Vector3d(1.0, -1.0, 0.5); });
+  };
+  displace(m);
+  const std::optional<AlternativeReading> found = mistake_of(m);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->cause, Cause::joint_gain) << found->message;
+  Measured alone = measured(large_arm(), 13, {.configurations = 24});
+  displace(alone);
+  EXPECT_FALSE(mistake_of(alone));
+}
+
+TEST(LikelyMistake, IsNoneWhereNothingIsWrong) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Draw draw{.configurations = 24, .length = 0.0003 * static_cast<double>(seed), .effect = 0.0003};
+    draw.repeats = seed % 3 == 0 ? 2 : 1;
+    const Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), seed, draw);
+    const std::optional<AlternativeReading> found = mistake_of(m);
+    EXPECT_FALSE(found) << seed << ": " << found->message;
+  }
+}
+
+// The visits are ordered by the angle of the shoulder, so that its sag changes along the order.
+TEST(LikelyMistake, IsNotTheSagOfAnArmThatMovesAlongTheOrder) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Measured m = measured(large_arm(), seed, {.configurations = 24, .effect = 0.001});
+    for (Observation& o : m.data.observations) {
+      o.order = std::lround(1e6 * m.data.joint_values(1, o.configuration));
+    }
+    const std::optional<AlternativeReading> found = mistake_of(m);
+    EXPECT_FALSE(found) << seed << ": " << found->message;
+  }
+}
+
+// The rows of a visit need not stand together, and visits not in their order.
+TEST(LikelyMistake, IsPlacedByTheStatedOrderElseByTheFirstRows) {
+  Measured m = measured(large_arm(), 1, {.configurations = 24});
+  move_base(m, 7, {8e-3, -6e-3, 4e-3}, 0.0);
+  const auto message = [&] {
+    const std::optional<AlternativeReading> found = mistake_of(m);
+    return found ? found->message : "nothing";
+  };
+  EXPECT_THAT(message(), HasSubstr("after configuration 7 if the file is in the order"));
+  std::stable_sort(m.data.observations.begin(), m.data.observations.end(),
+                   [](const Observation& a, const Observation& b) { return a.target < b.target; });
+  EXPECT_THAT(message(), HasSubstr("after configuration 7 if the file is in the order"));
+  std::reverse(m.data.observations.begin(), m.data.observations.end());
+  EXPECT_THAT(message(), HasSubstr("after configuration 8 if the file is in the order"));
+  for (Observation& o : m.data.observations) {
+    o.order = 100 + o.configuration;
+  }
+  EXPECT_THAT(message(), HasSubstr("after configuration 7 it is"));
+}
+
+// By its own factor, for any kind of row and several stations.
+TEST(LikelyMistake, OfOneStationIsNamed) {
+  struct Way {
+    const char* name;
+    Measurements measurements;
+    int station;
+    double factor;
+  };
+  const std::vector<Way> ways = {{"S2", testing::Tracker(1).measured(36, testing::kNoise), 1, 1.002},
+                                 {"S3", testing::Heights(1).measured(48, testing::kNoise), 2, 1.01}};
+  for (const Way& way : ways) {
+    Measurements wrong = way.measurements;
+    for (Observation& observation : wrong.observations) {
+      if (observation.station == way.station) {
+        testing::scale_lengths(observation, way.factor);
+      }
+    }
+    CalibrationOptions options = testing::geometry_alone();
+    options.diagnosis.try_readings = true;
+    EXPECT_TRUE(calibrate(testing::bundled_robot(), way.measurements, options).trusted());
+    const Calibration found = calibrate(testing::bundled_robot(), wrong, options);
+    ASSERT_FALSE(found.doubts().empty()) << way.name;
+    EXPECT_EQ(found.doubts()[0].cause, Cause::scale) << found.doubts()[0].message;
+    EXPECT_THAT(found.doubts()[0].message,
+                HasSubstr("lengths of station '" + wrong.stations[static_cast<std::size_t>(way.station)] + "' 1.0"));
+  }
+}
+
+TEST(LikelyMistake, IsNamedWithItsSizeAndPlace) {
+  for (const Case& one : cases()) {
+    const std::optional<AlternativeReading> found = mistake_of(one.m);
+    ASSERT_TRUE(found) << one.name;
+    EXPECT_EQ(to_string(found->cause), std::string(to_string(one.cause))) << one.name << ": " << found->message;
+    EXPECT_THAT(found->message, HasSubstr(one.words)) << one.name;
+    EXPECT_TRUE(found->doubt) << found->message;
+  }
+}
+
+}  // namespace
+}  // namespace kdl_calibration::likely_mistake_test
