@@ -20,7 +20,7 @@ check_threads() {
 # The wings above those that CI runs under the address and undefined behaviour sanitizers.
 check_sanitizers() {
   configure_and_build sanitizers -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
-  run_tests sanitizers -L 'noise|uncertainty|validation|screening|diagnosis|selection|calibration|results|planning|cli'
+  run_tests sanitizers -L 'two_step|interface|noise|uncertainty|validation|screening|diagnosis|selection|calibration|results|planning|cli'
 }
 
 # Branches that only an exception takes, and those that the compiler makes in unreachable places, are not counted.
