@@ -268,9 +268,15 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
   return assessed;
 }
 
+// Configurations that were left out of the fit, and how much better they look because the model was chosen by them.
+struct LeftOut {
+  const std::vector<HeldOutPoint>& points;
+  double optimism = 1.0;
+};
+
 // Base, targets and errors with their uncertainty, and the predicted accuracy.
 Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const TrainingRows& rows,
-                        const std::vector<HeldOutPoint>& held_out, double optimism, const Configurations& asked) {
+                        const LeftOut& left_out, const Configurations& asked) {
   const FitProblem& problem = fitted.problem;
   const DeterminedFit& fit = fitted.fit;
   Uncertainty result;
@@ -279,8 +285,8 @@ Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const Tra
                                          .covariance = assessed.covariance,
                                          .candidate_sqrt_information = assessed.candidate_sqrt_information,
                                          .noise = assessed.noise,
-                                         .held_out = held_out,
-                                         .optimism = optimism},
+                                         .held_out = left_out.points,
+                                         .optimism = left_out.optimism},
                                         rows, asked);
   result.parameters = parameter_estimates(problem.model, problem.start, fit,
                                           {.fixed_by_gauge = assessed.fixed_by_gauge,
@@ -375,8 +381,8 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));
   GrossRows gross = gross_rows(fitted, options);
   result.noise = noise_report(assessed.noise, fitted.problem, options);
-  result.uncertainty =
-      uncertainty(fitted, std::move(assessed), rows, validated.held_out_points, selection.optimism, options.predict_at);
+  result.uncertainty = uncertainty(fitted, std::move(assessed), rows, {validated.held_out_points, selection.optimism},
+                                   options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);
