@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -251,8 +252,12 @@ std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit) {
       return said(*found, ordinary);
     }
   }
-  Measurements rows = fit.measurements;
-  for (int round = 0; round <= kMostLeftOut && !rows.observations.empty(); ++round) {
+  std::optional<Measurements> fewer;
+  for (int round = 0; round <= kMostLeftOut; ++round) {
+    const Measurements& rows = fewer ? *fewer : fit.measurements;
+    if (rows.observations.empty()) {
+      break;
+    }
     const FitToDoubt rest{.model = fit.model,
                           .measurements = rows,
                           .estimate = fit.estimate,
@@ -267,9 +272,11 @@ std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit) {
     if (!found->trial.alone) {
       return said(*found, ordinary);
     }
-    std::erase_if(rows.observations, [&](const Observation& o) {
+    Measurements without = rows;
+    std::erase_if(without.observations, [&](const Observation& o) {
       return rows.configurations[static_cast<std::size_t>(o.configuration)] == *found->trial.alone;
     });
+    fewer = std::move(without);
   }
   return std::nullopt;
 }
