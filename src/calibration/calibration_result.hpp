@@ -129,7 +129,7 @@ struct MeasuredRegion {
 struct TestedRadius {
   int configurations = 0;
   int outside = 0;
-  double p_value = 1.0;  ///< that as many are outside if each is with 5 %
+  double p_value = 1.0;  ///< that as many are outside if each is with 15 %
 };
 
 struct PredictedAccuracy {
