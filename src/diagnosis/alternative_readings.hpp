@@ -45,10 +45,10 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
 /// any kind of row.
 std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const Measurements& measurements);
 
-/// The same checks for a robot that was not calibrated. The geometry is fitted for the comparison, so that ordinary
-/// geometric errors are not reported as another reading. With too few points only base and targets are fitted, and
-/// readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its registered
-/// base and targets.
+/// The checks of alternative_readings() for a robot that was not calibrated. The geometry is fitted for the comparison,
+/// so that ordinary geometric errors are not reported as another reading. With too few points only base and targets are
+/// fitted, and readings are tried only if the misfit exceeds 1 % of the arm's length. `registered`: the robot with its
+/// registered base and targets.
 std::vector<AlternativeReading> alternative_readings_of_nominal(const ErrorModel& model,
                                                                 const Measurements& measurements,
                                                                 const Estimate& registered,

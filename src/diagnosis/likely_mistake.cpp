@@ -246,7 +246,8 @@ std::optional<Found> best_mistake(const OrdinaryFit& fit, const FitToDoubt& doub
 // A configuration of its own is named by other checks. What remains without it is looked at again.
 std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit) {
   constexpr int kMostLeftOut = 3;
-  if (!fit.fix.empty()) {  // where errors are held, a stated frame alone
+  const bool any_stated = !fit.known.bases.empty() || !fit.known.targets.empty();
+  if (!fit.fix.empty() && any_stated) {  // where errors are held, a stated frame alone
     const OrdinaryFit ordinary(fit);
     if (const std::optional<Found> found = best_mistake(ordinary, fit)) {
       return said(*found, ordinary);

@@ -9,13 +9,13 @@
 #include "base/random.hpp"
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
+#include "estimation/descent.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/prediction.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
-#include "model/kinematics.hpp"
 #include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 
@@ -85,6 +85,15 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
   estimate_.effects.tail(std::ssize(model_.effects) - known).setZero();
   options_.noise = fit.stated;
   result_ = estimate_;
+  double squares = 0.0;
+  for (const Vector3d& residual : residuals_of(model_, result_, rows_)) {
+    squares += residual.squaredNorm();
+  }
+  misfit_ = std::sqrt(squares / static_cast<double>(rows_.observations.size()));
+
+  blocks_ = whitened(rows_, wide_).blocks;
+  split_into_strata();
+  set_sizes();
   linearise();
   for (std::size_t row = 0; row < linear_.strata.size(); ++row) {
     const double residual = linear_.residual[static_cast<Index>(row)];
@@ -93,30 +102,16 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
   // A result with few parameters may have larger errors than the arm: they are far from the ordinary ones.
   constexpr int kMostSteps = 5;
   constexpr double kNear = 0.2;  // of ordinary sizes
+  const VectorXd sizes = linear_.sizes.cwiseMax(1e-300);
   for (int pass = 0; pass < kMostSteps; ++pass) {
     const VectorXd step = Explanations(linear_).ordinary_step();
     estimate_ = wide_.moved(Estimate(estimate_), step);
     linearise();
-    const VectorXd sizes = linear_.sizes.cwiseMax(1e-300);
     if (step.cwiseQuotient(sizes).cwiseAbs().maxCoeff() < kNear) {
       break;
     }
   }
-}
-
-// [m] RMS over the rows, along their measured directions.
-double OrdinaryFit::misfit() const {
-  double squares = 0.0;
-  for (const Vector3d& residual : residuals_of(model_, result_, rows_)) {
-    squares += residual.squaredNorm();
-  }
-  return std::sqrt(squares / static_cast<double>(rows_.observations.size()));
-}
-
-// Ordinary lengths and rounding are those of an arm up to ten metres; they grow with larger ones.
-double OrdinaryFit::size_of_arm() const {
-  constexpr double kLargeArm = 10.0;  // [m]
-  return std::max(1.0, arm_length(model_) / kLargeArm);
+  predict();
 }
 
 WhitenedSystem OrdinaryFit::whitened(const Measurements& rows, const Unknowns& unknowns) const {
@@ -124,45 +119,44 @@ WhitenedSystem OrdinaryFit::whitened(const Measurements& rows, const Unknowns& u
 }
 
 void OrdinaryFit::linearise() {
-  constexpr double kRounding = 1e-7;  // [m] of an arm up to that size
-  constexpr int kPredicted = 200;
   const WhitenedSystem system = whitened(rows_, wide_);
-  blocks_ = system.blocks;
   linear_.jacobian = system.jacobian.topRows(blocks_.back());
-  linear_.residual = system.residual.head(blocks_.back());
-  split_into_strata();
+  linear_.residual = turned(system.residual.head(blocks_.back()));
   turn(linear_.jacobian);
-  linear_.residual = turned(linear_.residual);
-  linear_.weight = LeastSquaresProblem(model_, rows_, {}, options_).total_weight();
-  const double rounding = kRounding * size_of_arm();
-  linear_.least_variance.setConstant(rounding * rounding * linear_.weight / points_);
-
-  linear_.is_error.clear();
-  linear_.sizes = VectorXd(wide_.size());
   linear_.values = wide_.values(estimate_);
   for (Index column = 0; column < wide_.size(); ++column) {
-    const Unknown& unknown = wide_.columns()[static_cast<std::size_t>(column)];
-    const bool effect = unknown.group == UnknownGroup::effects;
-    const bool usual = effect || unknown.group == UnknownGroup::geometric;
-    linear_.is_error.push_back(unknown.group == UnknownGroup::geometric);
-    linear_.sizes[column] = is_held(unknown) ? 0.0
-                            : effect         ? ordinary_size(model_.effects[unknown.index])
-                            : usual          ? ordinary_size(model_, model_.parameters[unknown.index])
-                                             : kAnywhere;
-    linear_.sizes[column] *= unknown.length ? size_of_arm() : 1.0;
-    linear_.values[column] *= usual ? 1.0 : 0.0;
+    const UnknownGroup group = wide_.columns()[static_cast<std::size_t>(column)].group;
+    linear_.values[column] *= group == UnknownGroup::geometric || group == UnknownGroup::effects ? 1.0 : 0.0;
   }
+}
 
-  predict(kPredicted);
+// Ordinary lengths, and rounding, are those of an arm of ordinary size.
+void OrdinaryFit::set_sizes() {
+  constexpr double kRounding = 1e-7;  // [m]
+  const double size = size_of_arm(model_);
+  linear_.weight = LeastSquaresProblem(model_, rows_, {}, options_).total_weight();
+  linear_.least_variance.setConstant(kRounding * size * kRounding * size * linear_.weight / points_);
+  linear_.sizes = VectorXd(wide_.size());
+  for (Index column = 0; column < wide_.size(); ++column) {
+    const Unknown& unknown = wide_.columns()[static_cast<std::size_t>(column)];
+    const bool error = unknown.group == UnknownGroup::geometric;
+    linear_.is_error.push_back(error);
+    linear_.sizes[column] = is_held(unknown)                         ? 0.0
+                            : unknown.group == UnknownGroup::effects ? ordinary_size(model_.effects[unknown.index])
+                            : error ? ordinary_size(model_, model_.parameters[unknown.index])
+                                    : kAnywhere;
+    linear_.sizes[column] *= unknown.length ? size : 1.0;
+  }
 }
 
 // Predictions in the measured ranges. A torque is known only where it was measured.
-void OrdinaryFit::predict(int count) {
+void OrdinaryFit::predict() {
+  constexpr int kPredicted = 200;
   Random random(1);
   const bool measured = needs_torques(model_);
-  const Measurements sample = training_sample(rows_, static_cast<std::size_t>(count));
+  const Measurements sample = training_sample(rows_, kPredicted);
   const MatrixXd places =
-      measured ? sample.joint_values : random_configurations(model_.joints, trained_ranges(rows_), count, random);
+      measured ? sample.joint_values : random_configurations(model_.joints, trained_ranges(rows_), kPredicted, random);
   const DriveSignals signals = measured ? sample.signals : DriveSignals();
   const PositionPredictor predictor(model_, estimate_, wide_);
   const std::vector<Eigen::Isometry3d> here = flange_poses(model_, estimate_, places, signals);
@@ -193,9 +187,6 @@ void OrdinaryFit::split_into_strata() {
     bool whole = true;
   };
   std::vector<Of> all(blocks_.size() - 1);
-  linear_.coordinates.setZero();
-  split_.clear();
-  points_ = 0.0;
   for (const Observation& mean : averaged(rows_).observations) {
     Of& own = all[static_cast<std::size_t>(mean.configuration)];
     own.coordinates += dimension(mean.reading);
@@ -283,6 +274,7 @@ MatrixXd OrdinaryFit::of_base(std::size_t station) const {
 MatrixXd OrdinaryFit::of_target(std::size_t k) const {
   return unit_columns(UnknownGroup::targets, {6 * k, 6 * k + 1, 6 * k + 2});
 }
+
 // A motion of all targets in the flange frame.
 MatrixXd OrdinaryFit::of_tool() const {
   MatrixXd result = MatrixXd::Zero(wide_.size(), 6);

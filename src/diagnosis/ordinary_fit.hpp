@@ -7,6 +7,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "diagnosis/explanations.hpp"
@@ -47,7 +48,7 @@ public:
   /// Whether the origin of W is that of a tracker.
   bool has_tracker() const { return options_.noise.tracker.has_value(); }
   /// [m] RMS of the doubted result over the rows, along their measured directions.
-  double misfit() const;
+  double misfit() const { return misfit_; }
 
   std::size_t station(Eigen::Index configuration) const;
   /// First row of a configuration, and their number.
@@ -71,10 +72,10 @@ public:
   Eigen::MatrixXd disturbed(const Disturbance& disturb) const;
 
 private:
-  double size_of_arm() const;
   WhitenedSystem whitened(const Measurements& rows, const Unknowns& unknowns) const;
   void linearise();
-  void predict(int count);
+  void set_sizes();
+  void predict();
   void split_into_strata();
   void turn(Eigen::MatrixXd& rows) const;
   Eigen::VectorXd turned(const Eigen::VectorXd& rows) const;
@@ -91,6 +92,7 @@ private:
   std::vector<Eigen::Index> blocks_;
   std::vector<Eigen::Index> split_;  // points of each configuration that is split into strata, else 0
   double points_ = 0.0;
+  double misfit_ = 0.0;
   LinearisedFit linear_;
 };
 

@@ -54,12 +54,6 @@ constexpr double kUsualEffect = 0.005;  // [rad], [m] or per unit
 constexpr double kUsualTarget = 0.1;    // [m] from the flange
 constexpr double kUsualFrame = 3.0;     // [m] or [rad] from the registered frame: practically no prior
 
-// Usual errors and rounding are those of an arm up to ten metres; they grow with larger ones.
-double size_of(const ErrorModel& model) {
-  constexpr double kLargeArm = 10.0;  // [m]
-  return std::max(1.0, arm_length(model) / kLargeArm);
-}
-
 // For every column the distance of the estimate from its prior mean, and the inverse square of the usual distance. The
 // prior mean of errors and effects is zero, of targets the flange, of frames their start.
 struct Expectation {
@@ -84,7 +78,7 @@ double usual_distance(const ErrorModel& model, const Unknown& unknown) {
 
 Expectation expectation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& start) {
   Expectation result{.distance = VectorXd::Zero(unknowns.size()), .information = VectorXd::Zero(unknowns.size())};
-  const double size = size_of(model);
+  const double size = size_of_arm(model);
   Index column = 0;
   for (const Unknown& unknown : unknowns.columns()) {
     const bool grows = unknown.length && unknown.group != UnknownGroup::effects;
@@ -113,8 +107,8 @@ public:
         problem_(problem),
         options_(options),
         steps_(steps),
-        tolerance_(options.step_tolerance * size_of(model_)),
-        rounding_(kRoundingOfPoints * size_of(model_)),
+        tolerance_(options.step_tolerance * size_of_arm(model_)),
+        rounding_(kRoundingOfPoints * size_of_arm(model_)),
         expected_(expectation(model_, problem.unknowns(), start)),
         phase_(steps == Steps::prior ? Phase::with_prior : Phase::gauss_newton) {
     result_.estimate = start;
@@ -359,6 +353,11 @@ private:
 };
 
 }  // namespace
+
+double size_of_arm(const ErrorModel& model) {
+  constexpr double kLargeArm = 10.0;  // [m]
+  return std::max(1.0, arm_length(model) / kLargeArm);
+}
 
 Identification descend(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
                        Steps steps) {

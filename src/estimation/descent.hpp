@@ -12,6 +12,9 @@ namespace kdl_calibration {
 /// probable robot if the residuals are noise.
 enum class Steps { any, plain, prior };
 
+/// Lengths of errors, and rounding, are those of an arm up to ten metres; with a longer one they grow by this factor.
+double size_of_arm(const ErrorModel& model);
+
 /// Minimises the cost of `problem` from `start`; see identify_jointly.
 Identification descend(const LeastSquaresProblem& problem, const Estimate& start, const JointOptions& options,
                        Steps steps = Steps::any);
