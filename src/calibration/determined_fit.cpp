@@ -188,10 +188,19 @@ DeterminedFit continue_in_complete_model(const FitProblem& complete, const FitRu
                                                 {.errors = wide.estimate.errors});
   FitProblem from_there = with_free(complete, parameters_of(complete, choice.free));
   from_there.start = wide.estimate;
-  DeterminedFit result = assembled(identify_in_gauge(from_there, rules.estimator, Steps::plain),
-                                   std::move(choice.reduction), from_there.free);
+  const auto is_better = [&](const Identification& fit) {
+    return has_converged(fit) && fit.rms <= std::max(wide.rms, kEqualMisfits);
+  };
+  FittedInGauge fitted = identify_in_gauge(from_there, rules.estimator, Steps::plain);
+  if (!is_better(fitted.fitted.identification) && wide.termination == Termination::converged) {
+    // Directions that are weakly determined make plain steps too long.
+    Identification plain = std::move(fitted.fitted.identification);
+    fitted = identify_in_gauge(from_there, rules.estimator, Steps::any);
+    prepend_history(plain, fitted.fitted.identification);
+  }
+  DeterminedFit result = assembled(std::move(fitted), std::move(choice.reduction), from_there.free);
   const Identification narrow = std::exchange(result.identification, wide);
-  if (has_converged(narrow) && narrow.rms <= std::max(wide.rms, kEqualMisfits)) {
+  if (is_better(narrow)) {
     result.identification = narrow;
   } else if (wide.termination == Termination::converged) {
     const bool explained = wide.rms < kBeyondGeometry;

@@ -48,8 +48,6 @@ const char* run_away(const ErrorModel& model, const VectorXd& errors) {
   return nullptr;
 }
 
-constexpr double kDeficientPivot = 1e-11;
-
 constexpr double kUsualEffect = 0.005;  // [rad], [m] or per unit
 constexpr double kUsualTarget = 0.1;    // [m] from the flange
 constexpr double kUsualFrame = 3.0;     // [m] or [rad] from the registered frame: practically no prior
@@ -124,12 +122,12 @@ public:
       going = iterate();
     }
     result_.rms = rms();
+    if (result_.termination == Termination::iteration_limit && moves_within_uncertainty()) {
+      finish(Termination::converged, "the last step moved the unknowns by less than a thousandth of their uncertainty");
+    }
     const char* beyond = run_away(model_, result_.estimate.errors);
     if (result_.termination == Termination::converged && beyond != nullptr) {
       finish(Termination::diverged, beyond);
-    }
-    if (result_.termination == Termination::converged && smallest_pivot_ < kDeficientPivot) {
-      finish(Termination::rank_deficient, "converged, but the measurements do not determine all parameters");
     }
     return std::move(result_);
   }
@@ -154,6 +152,14 @@ private:
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // refused Gauss-Newton steps before they are left for the end
 
+  // Weakly determined directions may be followed slowly.
+  bool moves_within_uncertainty() const {
+    constexpr double kLittle = 1e-3;  // sigma
+    const double freedom = static_cast<double>(problem_.equations() - problem_.columns());
+    return phase_ == Phase::gauss_newton && result_.iterations > 1 && freedom > 0.0 &&
+           predicted_reduction_ < kLittle * kLittle * equations_.cost / freedom;
+  }
+
   // Whether the excess over the goal did not halve; false below the goal, and without one, as it is infinite.
   bool misses_goal() {
     constexpr int kFirst = 6;
@@ -177,7 +183,6 @@ private:
     }
     if (steps_ == Steps::prior && phase_ == Phase::with_prior &&
         (effect_ <= tolerance_ || predicted_reduction_ < kSettled * equations_.cost)) {
-      smallest_pivot_ = solver_.smallest_pivot();
       finish(Termination::converged, "errors of usual size do not reduce the misfit further");
       return false;
     }
@@ -193,7 +198,6 @@ private:
 
   // Without a look at its equations, as no step follows.
   void take_last_step() {
-    smallest_pivot_ = solver_.smallest_pivot();
     // The step changes the cost by less than its rounding, so it is accepted if it does not raise the cost beyond
     // that.
     if (const double cost = problem_.cost(moved_, workspace_); cost <= equations_.cost + rounding_of_cost()) {
@@ -249,14 +253,12 @@ private:
     const double farthest = solver_.solution().cwiseAbs2().cwiseProduct(expected_.information).maxCoeff();
     const bool better = moved_equations_.cost < equations_.cost && gain > kKept;
     if (better && farthest < kFarthest * kFarthest) {
-      smallest_pivot_ = solver_.smallest_pivot();
       accept();
       return true;
     }
     // Close to the end costs differ only by rounding, so the predicted reductions of successive steps decide.
     const double rounding = rounding_of_cost();
     if (predicted_reduction_ <= rounding && moved_equations_.cost <= equations_.cost + rounding) {
-      smallest_pivot_ = solver_.smallest_pivot();
       if (predicted_reduction_ < 0.25 * last_predicted_reduction_) {
         last_predicted_reduction_ = predicted_reduction_;
         accept();
@@ -345,7 +347,6 @@ private:
   VectorXd curvature_;
   double effect_ = 0.0;
   double predicted_reduction_ = 0.0;
-  double smallest_pivot_ = 1.0;
   double prior_weight_ = 1.0;
   double damping_ = 0.0;
   int refused_ = 0;

@@ -37,7 +37,6 @@ void ScaledSolver::solve(const MatrixXd& H, const VectorXd& added, const VectorX
     scale_lower(H);
     const Eigen::LDLT<MatrixXd> pivoted(scaled());
     solution_ = pivoted.solve(solution_);
-    smallest_pivot_ = pivoted.vectorD().minCoeff();
   }
   solution_.array() *= scale_.array();
 }

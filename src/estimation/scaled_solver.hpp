@@ -15,8 +15,6 @@ public:
   void solve(const Eigen::MatrixXd& H, const Eigen::VectorXd& added, const Eigen::VectorXd& g);
 
   const Eigen::VectorXd& solution() const { return solution_; }
-  /// Of the scaled matrix: near zero where H is rank deficient.
-  double smallest_pivot() const { return smallest_pivot_; }
 
 private:
   void scale_lower(const Eigen::MatrixXd& H);
