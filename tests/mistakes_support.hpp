@@ -76,7 +76,8 @@ struct Draw {
   double effect = 0.0;     ///< [rad] 1 sigma of the joints' compliance under gravity
   double gain = 0.0;       ///< 1 sigma of the joints' gains
   int repeats = 1;
-  bool poses = false;  ///< whether orientations are measured, too, to a tenth of a milliradian
+  bool poses = false;                     ///< whether orientations are measured, too, to a tenth of a milliradian
+  std::vector<std::size_t> at_rest = {};  ///< joints that never move
 };
 
 /// A robot that was measured: what the files would say.
@@ -120,6 +121,9 @@ inline Measured measured(const ErrorModel& model, std::uint64_t seed, const Draw
   for (auto& [lower, upper] : experiment.ranges) {
     lower = std::max(lower, -2.5);
     upper = std::min(upper, 2.5);
+  }
+  for (const std::size_t joint : draw.at_rest) {
+    experiment.ranges[joint] = {0.3, 0.3};
   }
   Measurements data = experiment.measure(draw.configurations,
                                          {.sigma = draw.noise, .orientation_sigma = 1e-4, .repeats = draw.repeats});

@@ -398,13 +398,19 @@ ModelSelection select_model(const ModelSelectionTask& task, const Identification
   const bool automatic = task.options.automatic_priors || task.options.effects.automatic;
   if (!has_converged(rigid)) {
     as_stated.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
-  } else if (automatic && !determined) {
-    as_stated.not_tried = "priors and effects (the measurements do not determine all geometric errors)";
   } else if (automatic && task.measurements.stations.size() > 1 &&
              !can_be_left_out(task.measurements, make_folds(task.measurements, 0), 0)) {
     as_stated.not_tried = "priors and effects (no configuration can be left out: each station needs all of its own)";
   } else {
-    return select_effects(task);
+    ModelSelectionOptions options = task.options;
+    options.automatic_priors = options.automatic_priors && determined;
+    ModelSelection selection = select_effects({task.model, task.measurements, task.optimum, task.free, options,
+                                               task.fix, task.orientation_length, task.threads, task.progress});
+    if (task.options.automatic_priors && !determined) {
+      selection.not_tried += (selection.not_tried.empty() ? "" : "; ");
+      selection.not_tried += "priors (they would hide what the measurements do not determine)";
+    }
+    return selection;
   }
   return as_stated;
 }

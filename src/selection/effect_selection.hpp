@@ -20,8 +20,8 @@ namespace kdl_calibration {
 /// selected model. Throws InputError if there are too few measurements for effects requested by name.
 ModelSelection select_effects(const ModelSelectionTask& task);
 
-/// The same if the options ask for a selection and `rigid`, the fit of geometry alone, has converged and is
-/// `determined`: priors would hide undetermined errors. Otherwise the options' priors without effects.
+/// The same if the options ask for a selection and `rigid`, the fit of geometry alone, has converged. Otherwise the
+/// options' priors without effects. Priors are chosen only if all errors are `determined`: they would hide others.
 ModelSelection select_model(const ModelSelectionTask& task, const Identification& rigid, bool determined,
                             Method method);
 
