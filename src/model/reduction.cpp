@@ -250,6 +250,38 @@ std::vector<bool> not_fixed(const std::vector<std::string>& names, const std::ve
   return result;
 }
 
+// Between parallel axes only the length of a link shows, not its direction. If the link is askew in its frame, the
+// coordinate that is kept must be the longer one, or it has to be off by more than the arm is. Exchanges kept lengths
+// for candidates of the same frame that they would replace at more than their size.
+void keep_longer_coordinates(const ErrorModel& model, const Eigen::MatrixXd& columns,
+                             const std::vector<std::string>& names, const std::vector<bool>& candidate,
+                             std::vector<bool>& raises) {
+  constexpr double kLonger = 1.2;
+  const std::size_t first = names.size() - model.parameters.size();
+  const auto is_length = [&](std::size_t p) { return model.parameters[p].kind == ParameterKind::translation; };
+  for (std::size_t dropped = 0; dropped < model.parameters.size(); ++dropped) {
+    if (!candidate[first + dropped] || raises[first + dropped] || !is_length(dropped)) {
+      continue;
+    }
+    std::vector<Eigen::Index> kept;
+    for (std::size_t c = 0; c < raises.size(); ++c) {
+      if (raises[c]) {
+        kept.push_back(static_cast<Eigen::Index>(c));
+      }
+    }
+    const Combination by = Span(columns, names, kept).combination(static_cast<Eigen::Index>(first + dropped));
+    for (std::size_t other = 0; other < model.parameters.size(); ++other) {
+      const bool beside = is_length(other) && model.parameters[other].frame == model.parameters[dropped].frame;
+      const auto found = beside ? by.find(names[first + other]) : by.end();
+      if (found != by.end() && std::abs(found->second) > kLonger) {
+        raises[first + other] = false;
+        raises[first + dropped] = true;
+        break;
+      }
+    }
+  }
+}
+
 // Replacements of the columns that are not kept.
 class Replacements {
 public:
@@ -307,8 +339,9 @@ Reduction reduced_model(const ErrorModel& model, const std::vector<TargetFrame>&
     seen[c] = seen[c] && !without_effect(columns, static_cast<Eigen::Index>(c));
   }
   std::vector<bool> replaceable;
-  const std::vector<bool> raises =
+  std::vector<bool> raises =
       independent_columns(columns, seen, {.seen = visible_norms(model, stack, options.noise)}, &replaceable);
+  keep_longer_coordinates(model, columns, names, seen, raises);
 
   Reduction reduction;
   reduction.candidates = static_cast<int>(std::count(candidate.begin(), candidate.end(), true));

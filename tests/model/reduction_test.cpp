@@ -1,5 +1,6 @@
 #include "model/reduction.hpp"
 
+#include <fmt/core.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -56,6 +57,33 @@ TEST(Reduction, AdaptsToOneAndTwoTargets) {
     EXPECT_EQ(reduction.rank, 24 + 3 * targets);
     EXPECT_THAT(geometric(reduction), ElementsAreArray(kPublished));
     EXPECT_THAT(testing::names_of(reduction.gauge), ElementsAre("dq1", "dq6"));
+  }
+}
+
+// Between the parallel axes 2 and 3 a link askew by 80 degrees. If it is 1 mm longer, no kept length may be off by much
+// more than that.
+TEST(Reduction, KeepsTheLongerCoordinateOfALinkBetweenParallelAxes) {
+  const auto arm = [](double along_x, double along_z) {
+    return fmt::format(R"(<robot name="askew"><link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/>
+  <link name="tool0"/>
+  <joint name="pan" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+  <joint name="lift" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.1 0 0.2"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="{} 0 {}"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+  <joint name="flange" type="fixed"><parent link="l3"/><child link="tool0"/><origin xyz="0.3 0 0.1"/></joint>
+</robot>)",
+                       along_x, along_z);
+  };
+  for (const auto& [x, z, kept, dropped] : {std::tuple(0.1, 0.6, "Tz2", "Tx2"), std::tuple(0.6, 0.1, "Tx2", "Tz2")}) {
+    const ErrorModel model = complete_model(parse_robot(arm(x, z)));
+    const Reduction reduction = reduced_model(model, generic_targets(3, 1));
+    EXPECT_THAT(reduction.kept, ::testing::Contains(kept));
+    const auto found = std::find_if(reduction.dropped.begin(), reduction.dropped.end(),
+                                    [&, name = dropped](const auto& parameter) { return parameter.name == name; });
+    ASSERT_NE(found, reduction.dropped.end()) << dropped;
+    EXPECT_LT(std::abs(found->replaced_by.at(kept)), 0.5);
   }
 }
 
