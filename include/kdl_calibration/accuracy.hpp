@@ -87,6 +87,7 @@ enum class Cause {
   distance_zero,
   mirrored,
   tool_frame,
+  displayed_positions,
   exchanged_targets,
   moved_base,
   drift,

@@ -72,6 +72,9 @@ struct EffectOptions {
 struct NoiseOptions {
   NoiseModel stated = {};  ///< by the user; default: equal weights
   Weights weights = Weights::automatic;
+  // What the measurements take as true and their residuals cannot show, 1 sigma. It is in every uncertainty.
+  double scale_sigma = 1e-5;   ///< [m/m] of all measured lengths; cameras and motion capture have more
+  double length_sigma = 2e-5;  ///< [m] of distances that are stated: between sockets of a plate or anchors, of a bar
 };
 
 struct ValidationOptions {

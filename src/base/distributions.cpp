@@ -1,10 +1,13 @@
 #include "base/distributions.hpp"
 
+#include <algorithm>
 #include <boost/math/distributions/chi_squared.hpp>
 #include <boost/math/distributions/fisher_f.hpp>
+#include <boost/math/distributions/non_central_chi_squared.hpp>
 #include <boost/math/policies/policy.hpp>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 namespace kdl_calibration {
 namespace {
@@ -52,6 +55,25 @@ double binomial_upper_tail(int least, int trials, double probability) {
   const double a = 2.0 * least;
   const double b = 2.0 * (trials - least + 1);
   return least > trials ? 0.0 : f_upper_tail(a / b * (1.0 - probability) / probability, b, a);
+}
+
+double non_centrality(double level, double power, double freedom) {
+  using NonCentral = math::non_central_chi_squared_distribution<double, Policy>;
+  const double limit = math::quantile(math::complement(ChiSquared(freedom), level));
+  return NonCentral::find_non_centrality(freedom, limit, 1.0 - power);
+}
+
+double rank_sum_upper_tail(std::span<const double> first, std::span<const double> second) {
+  std::vector<double> sorted(second.begin(), second.end());
+  std::sort(sorted.begin(), sorted.end());
+  double pairs = 0.0;  // in which the first value is larger
+  for (const double value : first) {
+    pairs += static_cast<double>(std::lower_bound(sorted.begin(), sorted.end(), value) - sorted.begin());
+  }
+  const auto m = static_cast<double>(first.size());
+  const auto n = static_cast<double>(second.size());
+  const double variance = m * n * (m + n + 1.0) / 12.0;
+  return variance > 0.0 ? 0.5 * std::erfc((pairs - 0.5 * m * n) / std::sqrt(2.0 * variance)) : 1.0;
 }
 
 double f_critical(double tail, double a, double b) {

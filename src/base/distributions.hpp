@@ -1,5 +1,7 @@
 #pragma once
 
+#include <span>
+
 // Tails and critical values of distributions, by Boost.Math.
 
 namespace kdl_calibration {
@@ -12,6 +14,13 @@ double f_upper_tail(double f, double a, double b);
 
 /// P(X >= least) of `trials` independent trials that succeed with this probability.
 double binomial_upper_tail(int least, int trials, double probability);
+
+/// The non-centrality with which a chi-squared test of this level and these degrees of freedom has this power.
+double non_centrality(double level, double power, double freedom);
+
+/// P that values of one distribution differ as far in rank, the first ones above the second (Mann and Whitney 1947):
+/// the normal approximation, for values that are all different.
+double rank_sum_upper_tail(std::span<const double> first, std::span<const double> second);
 
 /// Upper `tail` quantile of the F distribution with a and b degrees of freedom; b may be infinite.
 double f_critical(double tail, double a, double b);

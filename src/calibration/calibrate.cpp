@@ -10,6 +10,7 @@
 #include "calibration/calibration_settings.hpp"
 #include "calibration/determined_fit.hpp"
 #include "calibration/diagnosis.hpp"
+#include "calibration/distance_zero.hpp"
 #include "calibration/minimum_norm.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/noise_stage.hpp"
@@ -29,6 +30,8 @@
 #include "screening/screening.hpp"
 #include "selection/effect_selection.hpp"
 #include "selection/parameter_selection.hpp"
+#include "uncertainty/considered.hpp"
+#include "uncertainty/covariance.hpp"
 #include "validation/validation.hpp"
 
 namespace kdl_calibration {
@@ -250,13 +253,19 @@ ValidationTask validation_task(const WeighedFit& fitted, const Assessment& asses
           .options = options.validation};
 }
 
+// The fit that starts at its end.
+FitProblem at_optimum(const WeighedFit& fitted) {
+  FitProblem problem = fitted.problem;
+  problem.start = fitted.fit.identification.estimate;
+  problem.free = fitted.fit.free;
+  return problem;
+}
+
 GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& options) {
   if (!is_plain(options.estimator) || fitted.fit.identification.termination == Termination::diverged) {
     return {};
   }
-  FitProblem problem = fitted.problem;
-  problem.start = fitted.fit.identification.estimate;
-  problem.free = fitted.fit.free;
+  FitProblem problem = at_optimum(fitted);
   problem.options.after_fit = counted_fits(options.progress, "looking for gross rows", kMostGrossGroups + 1);
   return find_gross_rows_beside_effects(problem);
 }
@@ -272,6 +281,7 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
 struct LeftOut {
   const std::vector<HeldOutPoint>& points;
   double optimism = 1.0;
+  const Eigen::MatrixXd& assumed;  // see considered_steps()
 };
 
 // Base, targets and errors with their uncertainty, and the predicted accuracy.
@@ -286,7 +296,8 @@ Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const Tra
                                          .candidate_sqrt_information = assessed.candidate_sqrt_information,
                                          .noise = assessed.noise,
                                          .held_out = left_out.points,
-                                         .optimism = left_out.optimism},
+                                         .optimism = left_out.optimism,
+                                         .assumed = left_out.assumed},
                                         rows, asked);
   result.parameters = parameter_estimates(problem.model, problem.start, fit,
                                           {.fixed_by_gauge = assessed.fixed_by_gauge,
@@ -336,10 +347,9 @@ std::vector<QualityFinding> screened(const FitProblem& problem, const Measuremen
   });
 }
 
-}  // namespace
-
-CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measurements,
-                            const CalibrationSettings& options) {
+// `zero`: of the distances, if it is known already.
+CalibrationResult calibrated(const ErrorModel& arm, const Measurements& measurements,
+                             const CalibrationSettings& options, std::optional<DistanceZero> zero) {
   const TrainingRows rows(measurements);
   const ErrorModel model = at_stations_of(*rows, arm);
   require_rows_of_each_station(measurements, *rows);
@@ -347,6 +357,12 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
   const FitProblem stated = rigid_problem(robot, *rows, options);
   require_two_step_data(stated.free, *rows, options);
+  if (!zero) {
+    zero = zero_of_distances(stated);
+    if (zero && zero->length != 0.0) {
+      return calibrated(arm, from_zero(measurements, zero->length), options, zero);
+    }
+  }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
 
   FitProblem rigid = weighed_for_selection(stated, options);
@@ -379,10 +395,15 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
 
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));
+  const Eigen::MatrixXd assumed = considered_steps(
+      at_optimum(fitted), covariance(assessed.root, 1.0),
+      {.scale = options.noise.scale_sigma, .length = options.noise.length_sigma, .zero = zero ? zero->sigma : 0.0});
+  assessed.covariance += assumed * assumed.transpose();
   GrossRows gross = gross_rows(fitted, options);
+  result.distance_zero = zero;
   result.noise = noise_report(assessed.noise, fitted.problem, options);
-  result.uncertainty = uncertainty(fitted, std::move(assessed), rows, {validated.held_out_points, selection.optimism},
-                                   options.predict_at);
+  result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
+                                   {validated.held_out_points, selection.optimism, assumed}, options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);
@@ -399,6 +420,13 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
     result.offsets_alone = fitted_offsets_alone(rigid, rigid_fit.free);
   }
   return result;
+}
+
+}  // namespace
+
+CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measurements,
+                            const CalibrationSettings& options) {
+  return calibrated(arm, measurements, options, std::nullopt);
 }
 
 }  // namespace kdl_calibration

@@ -90,6 +90,12 @@ struct NoiseReport {
   double freedom_of_covariance() const;
 };
 
+/// The zero of an instrument that measures distances.
+struct DistanceZero {
+  double length = 0.0;  ///< [m] by which all are too long; 0 if it is not significant
+  double sigma = 0.0;   ///< [m]
+};
+
 /// A cube of the workspace, with the predicted 3D 1 sigma [m] of configurations whose flange lies in it.
 struct WorkspaceCell {
   Eigen::Vector3d centre;  ///< [m] in the base frame
@@ -129,11 +135,16 @@ struct MeasuredRegion {
 struct TestedRadius {
   int configurations = 0;
   int outside = 0;
-  double p_value = 1.0;  ///< that as many are outside if each is with 15 %
+  /// That as many are outside if each is with 15 %; or that they are off by so much more of their radius than left-out
+  /// configurations, by more than half.
+  double p_value = 1.0;
 };
 
 struct PredictedAccuracy {
-  ErrorStatistics measured;          ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
+  ErrorStatistics measured;  ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
+  /// At 300 seeded configurations within the measured joint ranges; at the measured ones where torques are needed.
+  ErrorStatistics within;
+  double of_assumptions = 0.0;       ///< [m] the part of `within` by what the measurements take as true
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;
@@ -160,6 +171,7 @@ struct Diagnosis {
   std::vector<QualityFinding> findings;  ///< faults of single measurements, found before the fit
   GrossRows gross_rows;                  ///< if left out, the other rows fit more than three times better
   std::vector<AlternativeReading> alternative_readings;  ///< readings that would explain the measurements much better
+  std::vector<DetectableMistake> detectable;             ///< what a mistake must have been to show
   std::vector<std::string> warnings;
   std::vector<Doubt> doubts;
   /// Set instead of the only doubt if that doubt is "not_determined" for named geometric errors, every prediction in
@@ -180,6 +192,7 @@ struct CalibrationResult {
   DeterminedFit fit;
   ModelSelection selection;
   NoiseReport noise;
+  std::optional<DistanceZero> distance_zero;  ///< if distances were measured
   Accuracy accuracy;
   /// Predictions of leave_one_out or k_fold, point by point; empty if the folds were refitted.
   std::vector<HeldOutPoint> held_out_points;

@@ -36,6 +36,8 @@ CalibrationSettings settings_of(const CalibrationOptions& options) {
   if (continues) {
     require_no_other_choice(options);
   }
+  require_sigma("noise.scale_sigma", options.noise.scale_sigma);
+  require_sigma("noise.length_sigma", options.noise.length_sigma);
   const bool chooses =
       is_plain(options.estimator) && options.parameters.model == ModelChoice::irreducible && !continues;
   const Priors& stated = options.priors.stated;

@@ -20,23 +20,26 @@
 namespace kdl_calibration {
 namespace {
 
-std::vector<AlternativeReading> readings(const CalibrationResult& found, const Measurements& measurements,
-                                         const DiagnosisTask& task) {
+ReadingSearch readings(const CalibrationResult& found, const Measurements& measurements, const DiagnosisTask& task) {
   if (!task.options.try_readings) {
     return {};
   }
   if (!are_points_of_one_station(measurements)) {
     const TrainingRows rows(measurements);
-    std::vector<AlternativeReading> result = readings_of_unit(found.model, *rows);
+    ReadingSearch search{.readings = readings_of_unit(found.model, *rows), .detectable = {}};
+    std::vector<AlternativeReading>& result = search.readings;
     if (result.empty() && has_converged(found.fit.identification)) {
-      if (auto mistake = likely_mistake({.model = found.model,
-                                         .measurements = *rows,
-                                         .estimate = found.fit.identification.estimate,
-                                         .known = task.parameters.known,
-                                         .fix = task.parameters.fix,
-                                         .uncertainty = found.uncertainty.predicted.measured.rms,
-                                         .stated = found.settings.noise.stated})) {
-        result.push_back(std::move(*mistake));
+      MistakeSearch likely = likely_mistake({.model = found.model,
+                                             .measurements = *rows,
+                                             .estimate = found.fit.identification.estimate,
+                                             .known = task.parameters.known,
+                                             .fix = task.parameters.fix,
+                                             .uncertainty = found.uncertainty.predicted.measured.rms,
+                                             .stated = found.settings.noise.stated,
+                                             .scale_sigma = found.settings.noise.scale_sigma});
+      search.detectable = std::move(likely.detectable);
+      if (likely.mistake) {
+        result.push_back(std::move(*likely.mistake));
       }
     }
     if (!has_single_coordinates(measurements)) {
@@ -44,16 +47,17 @@ std::vector<AlternativeReading> readings(const CalibrationResult& found, const M
       std::copy_if(repeated.begin(), repeated.end(), std::back_inserter(result),
                    [](const AlternativeReading& reading) { return reading.cause == Cause::copied_rows; });
     }
-    return result;
+    return search;
   }
-  return alternative_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,
-                              {.registration = {.known = task.parameters.known},
-                               .used = task.options.convention ? &*task.options.convention : nullptr,
-                               .others = task.options.other_conventions,
-                               .fix = task.parameters.fix,
-                               .uncertainty = found.uncertainty.predicted.measured.rms,
-                               .stated = found.settings.noise.stated,
-                               .threads = task.threads});
+  return search_readings(found.model, measurements, found.fit.identification.estimate, found.fit.free,
+                         {.registration = {.known = task.parameters.known},
+                          .used = task.options.convention ? &*task.options.convention : nullptr,
+                          .others = task.options.other_conventions,
+                          .fix = task.parameters.fix,
+                          .uncertainty = found.uncertainty.predicted.measured.rms,
+                          .stated = found.settings.noise.stated,
+                          .scale_sigma = found.settings.noise.scale_sigma,
+                          .threads = task.threads});
 }
 
 // The findings that remain valid given other readings of the data. A moved base is not reported as a slipped target,
@@ -139,8 +143,10 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
                    std::vector<QualityFinding> findings, GrossRows gross_rows, const DiagnosisTask& task) {
   Diagnosis result;
   result.gross_rows = std::move(gross_rows);
-  result.alternative_readings = with_progress(task.progress, "trying other readings of the data",
-                                              [&] { return readings(found, measurements, task); });
+  ReadingSearch search = with_progress(task.progress, "trying other readings of the data",
+                                       [&] { return readings(found, measurements, task); });
+  result.alternative_readings = std::move(search.readings);
+  result.detectable = std::move(search.detectable);
   result.findings = remaining_findings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);
   if (holds_where_measured(found, result.doubts, task.ambiguity)) {

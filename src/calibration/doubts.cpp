@@ -296,12 +296,12 @@ Doubts of_tests(const CalibrationResult& found) {
     return {};
   }
   return {{.cause = Cause::test_rows_differ,
-           .message = fmt::format("the test rows contradict the result: {} of {} configurations are off by more than "
-                                  "the radius that holds for 95 %; they are missed by {}, configurations left out of "
-                                  "the fit by {}; check that all were "
-                                  "measured in the same way, with the same payload and names of targets",
-                                  tested.outside, tested.configurations, in_millimetres(found.accuracy.test->after.rms),
-                                  in_millimetres(held_out->after.rms))}};
+           .message = fmt::format("the test rows contradict the result: they are missed by {}, configurations left "
+                                  "out of the fit by {}, and {} of {} are off by more than the radius that holds for "
+                                  "95 %; check that all were measured in the same way, with the same payload and "
+                                  "names of targets",
+                                  in_millimetres(found.accuracy.test->after.rms), in_millimetres(held_out->after.rms),
+                                  tested.outside, tested.configurations)}};
 }
 
 // Gross rows.
@@ -355,6 +355,17 @@ std::string said_of_harmful_effects(const BeforeAfter& held_out) {
   return "the effects make predictions worse: configurations left out of the fit are missed by " +
          in_millimetres(held_out.after.rms) + " with the effects and by " + in_millimetres(held_out.rigid->rms) +
          " by the geometry alone; leave the effects out, or let --effects auto choose those that help";
+}
+
+// Empty if the zero of the distances is not significant, or there are none.
+std::string said_of_zero(const CalibrationResult& found) {
+  if (!found.distance_zero || found.distance_zero->length == 0.0) {
+    return {};
+  }
+  return fmt::format(
+      "all distances are {} too {} (1 sigma {}), the zero of their instrument: they were corrected by it",
+      in_millimetres(std::abs(found.distance_zero->length)), found.distance_zero->length > 0.0 ? "long" : "short",
+      in_millimetres(found.distance_zero->sigma));
 }
 
 // Empty if the measurements agree with the earlier result, or if there is none.
@@ -490,7 +501,7 @@ std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosi
                     "close to nominal; state larger priors, or none",
                     excess));
   }
-  for (const std::string& said : {said_of_change(found), said_of_urdf(found)}) {
+  for (const std::string& said : {said_of_zero(found), said_of_change(found), said_of_urdf(found)}) {
     if (!said.empty()) {
       result.push_back(said);
     }

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <limits>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "base/distributions.hpp"
@@ -13,6 +14,7 @@
 #include "calibration/new_point.hpp"
 #include "calibration/point_predictor.hpp"
 #include "effects/joint_effects.hpp"
+#include "estimation/prediction.hpp"
 #include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
@@ -76,8 +78,43 @@ std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const Erro
   return result;
 }
 
+double root_mean_square(const std::vector<double>& values) {
+  double squares = 0.0;
+  for (const double value : values) {
+    squares += value * value;
+  }
+  return std::sqrt(squares / std::max(static_cast<double>(values.size()), 1.0));
+}
+
+// The errors of left-out configurations over their radii.
+std::vector<double> left_out_ratios(const UncertainEstimate& uncertain) {
+  const NewPointNoise noise = new_point_noise(uncertain.noise);
+  std::map<std::int32_t, std::vector<double>> of_configurations;
+  for (const HeldOutPoint& point : uncertain.held_out) {
+    const NewPoint predicted =
+        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise);
+    of_configurations[point.configuration].push_back(point.residual.norm() / predicted.radius_95);
+  }
+  std::vector<double> result;
+  for (const auto& [configuration, ratios] : of_configurations) {
+    result.push_back(root_mean_square(ratios));
+  }
+  return result;
+}
+
+// The chance that test rows are off by so much more of their radius than left-out configurations are.
+double chance_beside_left_out(std::vector<double> tested, const UncertainEstimate& uncertain, double radius_factor) {
+  constexpr double kMore = 1.5;  // times
+  const std::vector<double> left_out = left_out_ratios(uncertain);
+  for (double& ratio : tested) {
+    ratio *= radius_factor;
+  }
+  return root_mean_square(tested) > kMore * root_mean_square(left_out) ? rank_sum_upper_tail(tested, left_out) : 1.0;
+}
+
 // Single coordinates and distances have no radius.
-TestedRadius tested_radius(const PredictionBasis& basis, const Measurements& measurements) {
+TestedRadius tested_radius(const PredictionBasis& basis, const UncertainEstimate& uncertain,
+                           const Measurements& measurements) {
   constexpr double kOutside = 0.15;  // a radius that holds for 85 % is still of use
   const PointPredictor predictor(basis);
   Measurements tested = without_observations(measurements);
@@ -94,24 +131,61 @@ TestedRadius tested_radius(const PredictionBasis& basis, const Measurements& mea
     rows_of[mean.configuration].push_back(mean);
   }
   TestedRadius result;
+  std::vector<double> ratios;
   for (const auto& [configuration, rows] : rows_of) {
     if (result.configurations == kWorkspaceSamples) {
       break;
     }
     const auto points = predictor.points(tested.joint_values.col(configuration), column(tested.signals, configuration),
                                          station_of(rows.front()));
-    double squares = 0.0;
+    std::vector<double> own;
     bool holds = true;
     for (const Observation& row : rows) {
       const PointWithCovariance& point = points[static_cast<std::size_t>(row.target)];
-      squares += (row.position() - point.position_W).squaredNorm() / std::pow(point.new_point.radius_95, 2);
+      own.push_back((row.position() - point.position_W).norm() / point.new_point.radius_95);
       holds = holds && !point.outside;
     }
-    result.configurations += holds ? 1 : 0;
-    result.outside += holds && squares > static_cast<double>(rows.size()) ? 1 : 0;
+    if (holds) {
+      ratios.push_back(root_mean_square(own));
+      result.configurations += 1;
+      result.outside += ratios.back() > 1.0 ? 1 : 0;
+    }
   }
-  result.p_value = binomial_upper_tail(result.outside, result.configurations, kOutside);
+  result.p_value = std::min(binomial_upper_tail(result.outside, result.configurations, kOutside),
+                            chance_beside_left_out(std::move(ratios), uncertain, basis.region.radius_factor));
   return result;
+}
+
+// 3D 1 sigma [m] of every target in every configuration by errors that move the estimate by these columns.
+std::vector<double> sigmas_of(const Eigen::MatrixXd& assumed, const PredictionBasis& basis, const Eigen::MatrixXd& q,
+                              const DriveSignals& signals) {
+  const PositionPredictor predictor(basis.model, basis.estimate, basis.free);
+  std::vector<double> result;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    for (const Matrix3Xd& jacobian : predictor.jacobians(q.col(c), column(signals, c))) {
+      result.push_back((jacobian * assumed).norm());
+    }
+  }
+  return result;
+}
+
+// Where nothing was measured: within the measured joint ranges and over the whole workspace.
+void add_unmeasured(const PredictionBasis& basis, const Eigen::MatrixXd& assumed, const JointRanges& ranges,
+                    PredictedAccuracy& result) {
+  constexpr int kWithin = 300;
+  const std::vector<MovingJoint>& joints = basis.model.joints;
+  const PointPredictor predictor(basis);
+  Random random(1);
+  const Eigen::MatrixXd workspace = random_configurations(joints, limits_of(joints), kWorkspaceSamples, random);
+  const Eigen::MatrixXd within = random_configurations(joints, ranges, kWithin, random);
+  if (const Eigen::MatrixXd there = predictor.sigmas(within, {}); there.allFinite()) {
+    result.within = error_statistics(listed_values(there));
+    result.of_assumptions = error_statistics(sigmas_of(assumed, basis, within, {})).rms;
+  }
+  if (const Eigen::MatrixXd everywhere = predictor.sigmas(workspace, {}); everywhere.allFinite()) {
+    result.workspace = error_statistics(listed_values(everywhere));
+    result.cells = cells_of(flange_poses(basis.model, basis.estimate, workspace), everywhere, result.cell);
+  }
 }
 
 }  // namespace
@@ -120,9 +194,6 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
                                      const Configurations& asked) {
   const ErrorModel& model = uncertain.model;
   const Measurements& measurements = *rows;
-  Random random(1);
-  const Eigen::MatrixXd workspace =
-      random_configurations(model.joints, limits_of(model.joints), kWorkspaceSamples, random);
   PredictedAccuracy result;
   // The distances of left-out single coordinates are no 3D distances.
   const bool whole = !has_single_coordinates(measurements);
@@ -141,36 +212,33 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
                         .undetermined = result.undetermined,
                         .noise = new_point_noise(uncertain.noise),
                         .region = result.region};
-  result.tested = tested_radius(basis, rows.all());
+  const bool is_known = uncertain.covariance.diagonal().allFinite();
+  const Eigen::MatrixXd measured =
+      measurements.joint_values.leftCols(std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples));
+  const std::vector<double> of_assumptions = sigmas_of(uncertain.assumed, basis, measured, measurements.signals);
+  const double most_assumed = *std::max_element(of_assumptions.begin(), of_assumptions.end());
+  basis.region.largest_variance += most_assumed * most_assumed;  // left-out errors do not show them
+  result.tested = tested_radius(basis, uncertain, rows.all());
   if (model.has_open_bases) {
     basis.estimate.frames.base().setIdentity();  // predictions in the base frame, along its axes
   }
   const PointPredictor predictor(basis);
-  const Eigen::Index most = std::min<Eigen::Index>(measurements.joint_values.cols(), kWorkspaceSamples);
-  const bool is_known = uncertain.covariance.diagonal().allFinite();
-  const Eigen::MatrixXd there =
-      is_known ? predictor.sigmas(measurements.joint_values.leftCols(most), measurements.signals) : Eigen::MatrixXd();
+  const Eigen::MatrixXd there = is_known ? predictor.sigmas(measured, measurements.signals) : Eigen::MatrixXd();
   if (is_known && model.has_open_bases) {  // of the arm alone, as all predictions without a station
     const double largest = there.maxCoeff();
-    result.region.largest_variance = largest * largest;
-    basis.region = result.region;
+    basis.region.largest_variance = largest * largest;
   }
+  result.region = basis.region;
   result.asked = asked_points(predictor, model, basis.estimate, asked);
-  if (!is_known) {
+  if (!is_known || !there.allFinite()) {
     return result;
   }
-  if (there.allFinite()) {
-    result.measured = error_statistics(listed_values(there));
+  result.measured = error_statistics(listed_values(there));
+  result.within = result.measured;
+  result.of_assumptions = error_statistics(of_assumptions).rms;
+  if (!needs_torques(model)) {  // which are unknown at unmeasured configurations
+    add_unmeasured(basis, uncertain.assumed, trained_ranges(measurements), result);
   }
-  if (needs_torques(model)) {  // unknown at unmeasured configurations
-    return result;
-  }
-  const Eigen::MatrixXd everywhere = predictor.sigmas(workspace, {});
-  if (!everywhere.allFinite()) {
-    return result;
-  }
-  result.workspace = error_statistics(listed_values(everywhere));
-  result.cells = cells_of(flange_poses(model, basis.estimate, workspace), everywhere, result.cell);
   return result;
 }
 

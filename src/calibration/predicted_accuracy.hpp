@@ -18,7 +18,8 @@ struct UncertainEstimate {
       candidate_sqrt_information;  ///< R of the whitened system, see WhitenedSummary::sqrt_information
   const NoiseReport& noise;
   const std::vector<HeldOutPoint>& held_out;
-  double optimism = 1.0;  ///< of the selection, see TriedModels
+  double optimism = 1.0;           ///< of the selection, see TriedModels
+  const Eigen::MatrixXd& assumed;  ///< see considered_steps()
 };
 
 /// Predicted accuracy at the measured configurations, over the workspace, at the test rows and at the requested

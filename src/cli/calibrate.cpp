@@ -399,6 +399,16 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
                  "1 sigma of a component of measured orientations, rad [from the repeats, or as 0.3 m of lever]")
       ->type_name("RAD")
       ->check(number_from(0.0, "an angle in radians, 0 or more"));
+  NoiseOptions& noise = arguments.options.noise;
+  app.add_option("--scale-sigma", noise.scale_sigma, "1 sigma of a factor on all measured lengths")
+      ->type_name("M/M")
+      ->check(number_between(0.0, 0.1, "a number from 0 to 0.1"))
+      ->capture_default_str();
+  app.add_option("--length-sigma", noise.length_sigma,
+                 "1 sigma of stated distances, m: between sockets of a plate or anchors, of a bar")
+      ->type_name("M")
+      ->check(length)
+      ->capture_default_str();
   app.add_flag("--leave-one-out", arguments.options.validation.leave_one_out,
                "Predict each configuration from all the others as well");
   app.add_flag("--nested", arguments.options.validation.nested,
@@ -423,7 +433,8 @@ void add_groups(CLI::App& app) {
             {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
              "--prior-result", "--effects", "--gravity-direction"});
   add_group(app, "Noise",
-            {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma"});
+            {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma",
+             "--scale-sigma", "--length-sigma"});
   add_group(app, "Validation", {"--leave-one-out", "--nested", "--k-fold", "--require", "--threads"});
 }
 

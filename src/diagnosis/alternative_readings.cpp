@@ -82,29 +82,36 @@ public:
         fitted_(std::min(plausible(model, fit.errors) ? rms_of(model, sample_.measurements, fit) : registered_,
                          trial(sample_.measurements, trial_fits()))) {}
 
-  std::vector<AlternativeReading> verdict() {
+  ReadingSearch verdict() {
     // Coarse mistakes first: if one explains the data, finer ones are meaningless.
-    try_scale();
+    std::vector<DetectableMistake> detectable;
+    try_displayed();
+    if (readings_.empty()) {
+      try_scale();
+    }
     const bool tried = !(fitted_ < options_.least_misfit);
     if (tried && readings_.empty()) {
       try_joint_values_and_points();
     }
     if (tried && readings_.empty()) {
       const TrainingRows training(measurements_);
-      if (auto found = likely_mistake({.model = model_,
-                                       .measurements = *training,
-                                       .estimate = fit_,
-                                       .known = options_.registration.known,
-                                       .fix = options_.fix,
-                                       .uncertainty = options_.uncertainty,
-                                       .stated = options_.stated})) {
-        readings_.push_back(std::move(*found));
+      MistakeSearch found = likely_mistake({.model = model_,
+                                            .measurements = *training,
+                                            .estimate = fit_,
+                                            .known = options_.registration.known,
+                                            .fix = options_.fix,
+                                            .uncertainty = options_.uncertainty,
+                                            .stated = options_.stated,
+                                            .scale_sigma = options_.scale_sigma});
+      detectable = std::move(found.detectable);
+      if (found.mistake) {
+        readings_.push_back(std::move(*found.mistake));
       }
     }
     try_joint_functions();
     const std::vector<AlternativeReading> repeated = repeated_configurations(measurements_);
     readings_.insert(readings_.end(), repeated.begin(), repeated.end());
-    return std::move(readings_);
+    return {.readings = std::move(readings_), .detectable = std::move(detectable)};
   }
 
   // Readings of the joint values only, for points derived from poses.
@@ -131,6 +138,19 @@ private:
     readings_.push_back({.cause = cause,
                          .message = "as they were read the measurements leave a misfit of " + in_mm(instead) + remark_ +
                                     "; with " + what + " it is " + in_mm(left) + "; " + kUsedAsRead});
+  }
+
+  // No arm is as its drawing says, to the last digit of the file.
+  void try_displayed() {
+    constexpr double kOfRounding = 0.75;  // 0.5 is the RMS distance from three rounded coordinates
+    if (const double step = rounding_of(sample_.measurements); registered_ < kOfRounding * step) {
+      readings_.push_back(
+          {.cause = Cause::displayed_positions,
+           .message =
+               fmt::format("the nominal robot fits the points to {:.2g} mm, the rounding of their coordinates: they "
+                           "seem to be computed by the controller, as it displays them, and not measured",
+                           registered_ * 1e3)});
+    }
   }
 
   // Tries points whose distances are too large or too small for the nominal robot, or that hardly move.
@@ -300,14 +320,14 @@ std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const 
   return {};
 }
 
-std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
-                                                     const Estimate& fit, const Unknowns& free,
-                                                     const ReadingOptions& options) {
+ReadingSearch search_readings(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                              const Unknowns& free, const ReadingOptions& options) {
   const auto sample = [&](const Measurements& all, const Unknowns& unknowns, std::size_t most) {
     return trial_sample(model, all, unknowns, most);
   };
-  std::vector<AlternativeReading> found =
+  ReadingSearch search =
       ReadingTrials(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
+  std::vector<AlternativeReading>& found = search.readings;
   const bool doubted = std::any_of(found.begin(), found.end(), [](const AlternativeReading& one) { return one.doubt; });
   if (!doubted && has_orientations(measurements)) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
@@ -316,7 +336,7 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
     };
     if (turned && turned->explained) {
       found.insert(found.begin(), of_orientations());
-      return found;
+      return search;
     }
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);
     ReadingOptions of_points = options;
@@ -329,7 +349,13 @@ std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, co
     }
     found.insert(found.begin(), more.begin(), more.end());
   }
-  return found;
+  return search;
+}
+
+std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
+                                                     const Estimate& fit, const Unknowns& free,
+                                                     const ReadingOptions& options) {
+  return search_readings(model, measurements, fit, free, options).readings;
 }
 
 namespace {

@@ -18,6 +18,17 @@ struct AlternativeReading {
   bool doubt = true;    ///< whether the result must not be trusted; false: a remark only
 };
 
+/// The smallest mistake of a kind that the measurements would have shown with 80 % power, and what it does to
+/// predictions if it is smaller and stays hidden.
+struct DetectableMistake {
+  Cause cause = Cause::scale;
+  std::string subject;
+  double estimate = 0.0;  ///< in SI units, if it is a single number
+  const char* unit = "";  ///< to show it in: "mm", "mrad" or "%"; empty if it is not one number
+  double size = 0.0;      ///< [m] RMS over the measured points
+  double moves = 0.0;     ///< [m] RMS error of predictions in the measured ranges
+};
+
 struct ReadingOptions {
   RegistrationOptions registration;
   const JointConvention* used = nullptr;  ///< the convention that converted the joint values to the URDF's
@@ -27,6 +38,7 @@ struct ReadingOptions {
   std::vector<std::string> fix = {};  ///< see FitToDoubt
   double uncertainty = 0.0;           ///< [m] see FitToDoubt
   NoiseModel stated = {};             ///< noise of the measurements
+  double scale_sigma = 0.0;           ///< see FitToDoubt
   int threads = 1;
 };
 
@@ -37,6 +49,12 @@ struct ReadingOptions {
 /// reading. The difference must also be significant (F test). For poses, points are tried first, then orientations
 /// (inverses, reordered components, single ones), then points derived from the orientations. Uses train rows of up to
 /// 300 configurations spread over the file (75 for that last trial).
+struct ReadingSearch {
+  std::vector<AlternativeReading> readings;
+  std::vector<DetectableMistake> detectable;  ///< see MistakeSearch; empty if another reading explains the measurements
+};
+ReadingSearch search_readings(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
+                              const Unknowns& free, const ReadingOptions& options = {});
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});

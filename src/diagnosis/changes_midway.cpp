@@ -178,6 +178,8 @@ std::string order_words(const Measurements& rows) {
 MistakeTrial change_trial(const OrdinaryFit& fit, const Changeable& what, Index last) {
   const bool moves_robot = what.cause != Cause::moved_base;
   return {.cause = what.cause,
+          .subject = what.subject + " changed halfway",
+          .unit = what.columns.cols() == 1 ? what.unit : "",
           .motion = {.of_robot = moves_robot ? what.columns : MatrixXd(), .in_part = true},
           .words = [&fit, what, last](const Explained& found) {
             const std::string size = what.cause == Cause::payload_changed ? ""
@@ -190,7 +192,7 @@ MistakeTrial change_trial(const OrdinaryFit& fit, const Changeable& what, Index 
 }
 
 MistakeTrial drift_trial(const OrdinaryFit& fit) {
-  return {.cause = Cause::drift, .words = [&fit](const Explained& found) {
+  return {.cause = Cause::drift, .subject = "the base drifts", .words = [&fit](const Explained& found) {
             return fmt::format("a base that drifts against the measuring device, by {} and {:.2g} mrad in all{}",
                                said_length(found.estimate.head<3>().norm()), found.estimate.tail<3>().norm() * 1e3,
                                order_words(fit.rows()));
@@ -205,9 +207,10 @@ void try_alone(const OrdinaryFit& fit, const Explanations& explanations, Index c
     columns.push_back(fit.of_target(k));
   }
   for (const MatrixXd& M : columns) {
-    family.add(explanations, explanations.sums_of_rows(fit.linear().jacobian.middleRows(first, count) * M, first), [&] {
-      return MistakeTrial{.alone = fit.rows().configurations[static_cast<std::size_t>(configuration)]};
-    });
+    family.add(
+        explanations, explanations.sums_of_rows(fit.linear().jacobian.middleRows(first, count) * M, first),
+        [&] { return MistakeTrial{.alone = fit.rows().configurations[static_cast<std::size_t>(configuration)]}; },
+        false);
   }
 }
 
@@ -246,8 +249,10 @@ void try_changes(const OrdinaryFit& fit, const Explanations& explanations, std::
     for (std::size_t i = 0; i < all.size(); ++i) {
       after[i].add(fit, visit, all[i]);
       if (v % spacing == 0 && is_of(fit, visit, all[i]) && suffice(in_all[i], after[i], all[i])) {
-        changes[i].add(explanations, from_here.of(all[i].columns),
-                       [&] { return change_trial(fit, all[i], visits[v - 1].configuration); });
+        const bool is_halfway = 2 * after[i].visits >= in_all[i].visits && changes[i].listed.empty();
+        changes[i].add(
+            explanations, from_here.of(all[i].columns),
+            [&] { return change_trial(fit, all[i], visits[v - 1].configuration); }, is_halfway);
       }
     }
   }

@@ -7,7 +7,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::array<std::pair<Cause, const char*>, 32> kNames = {{
+constexpr std::array<std::pair<Cause, const char*>, 33> kNames = {{
     {Cause::joint_convention, "joint_convention"},
     {Cause::joint_sign, "joint_sign"},
     {Cause::joint_unit, "joint_unit"},
@@ -21,6 +21,7 @@ constexpr std::array<std::pair<Cause, const char*>, 32> kNames = {{
     {Cause::distance_zero, "distance_zero"},
     {Cause::mirrored, "mirrored"},
     {Cause::tool_frame, "tool_frame"},
+    {Cause::displayed_positions, "displayed_positions"},
     {Cause::exchanged_targets, "exchanged_targets"},
     {Cause::moved_base, "moved_base"},
     {Cause::drift, "drift"},

@@ -319,15 +319,53 @@ Explained Explanations::explained(const AlternativeSums& sums, const Alternative
 
   result.size = std::sqrt(found.estimate.dot(sums.size * found.estimate) / std::max(fit_.weight, kTiny));
 
-  // With an alternative in part, before and after it.
   const MatrixXd predicted = fit_.predicted(Eigen::all, free_);
-  const VectorXd before = fit_.offset + predicted * found.step;
+  result.moves = moved(fit_.offset + predicted * found.step, motion, found.estimate);
+  return result;
+}
+
+// RMS motion [m] of the predicted points, which it moves to `before`; in part, before and after it.
+double Explanations::moved(const VectorXd& before, const AlternativeMotion& motion, const VectorXd& estimate) const {
   VectorXd after = before;
   if (motion.of_robot.size() > 0) {
-    after += fit_.predicted * (motion.of_robot * found.estimate);
+    after += fit_.predicted * (motion.of_robot * estimate);
   }
   const double squares = motion.in_part ? std::max(before.squaredNorm(), after.squaredNorm()) : after.squaredNorm();
-  result.moves = std::sqrt(3.0 * squares / static_cast<double>(fit_.predicted.rows()));
+  return std::sqrt(3.0 * squares / static_cast<double>(fit_.predicted.rows()));
+}
+
+std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, const AlternativeMotion& motion,
+                                                   double non_centrality) const {
+  constexpr double kShown = 1e-9;
+  const Gain gain = this->gain(sums, *without_);
+  // Columns that move the measured points by 1 m RMS each, in independent directions.
+  const auto [sizes, directions] = spectrum(sums.size / std::max(fit_.weight, kTiny));
+  std::vector<Index> visible;
+  for (Index i = 0; i < sizes.size(); ++i) {
+    if (sizes[i] > kShown * sizes.maxCoeff()) {
+      visible.push_back(i);
+    }
+  }
+  if (visible.empty()) {
+    return std::nullopt;
+  }
+  const MatrixXd unit = directions(Eigen::all, visible) * sizes(visible).cwiseSqrt().cwiseInverse().asDiagonal();
+  const MatrixXd whole = unit.transpose() * gain.whole * unit;
+  const auto [shown, of_unit] = spectrum(whole - (gain.X * unit).transpose() * (gain.X * unit));
+  if (!(shown[0] > kShown * whole.trace())) {
+    return std::nullopt;
+  }
+  Detectable result{.estimate = unit * of_unit.col(0) * std::sqrt(non_centrality / shown[0])};
+  result.size = std::sqrt(non_centrality / shown[0]);
+  // The step that the fit takes for it, and what is wrong then.
+  VectorXd step = VectorXd::Zero(fit_.sizes.size());
+  step(free_) = without_->inverse_root * (gain.X * result.estimate);
+  if (sums.B.size() > 0) {
+    step += sums.B * result.estimate;
+  }
+  AlternativeMotion missed = motion;
+  missed.of_robot = -motion.of_robot;
+  result.moves = moved(fit_.predicted * step, missed, result.estimate);
   return result;
 }
 

@@ -12,6 +12,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 namespace kdl_calibration {
@@ -69,6 +70,15 @@ struct Explained {
   double moves = 0.0;        ///< [m] RMS change of the predicted points
 };
 
+/// The smallest mistake that a test at some level would show with some power, in the direction of its columns that
+/// shows least for its size at the measured points, and what it does if it stays hidden (Baarda 1968: minimal
+/// detectable bias and external reliability).
+struct Detectable {
+  Eigen::VectorXd estimate;  ///< in the units of C
+  double size = 0.0;         ///< [m] RMS of C g over the measured points
+  double moves = 0.0;        ///< [m] RMS error of the predicted points
+};
+
 /// Tests alternatives beside one fit.
 class Explanations {
 public:
@@ -86,6 +96,9 @@ public:
   /// With weights that follow from the alternative itself: its residuals give the noise, its errors the size of the
   /// arm's.
   Explained explained(const AlternativeSums& sums, const AlternativeMotion& motion) const;
+  /// With the noise and the size of errors that the fit has without alternatives. None if no mistake shows.
+  std::optional<Detectable> detectable(const AlternativeSums& sums, const AlternativeMotion& motion,
+                                       double non_centrality) const;
 
 private:
   struct Weights {
@@ -102,6 +115,7 @@ private:
   Solution solution(const AlternativeSums& sums, const Equations& equations) const;
   Equations weighed(const AlternativeSums& sums, Weights weights) const;
   Weights fitted(const Solution& solution, const Equations& equations) const;
+  double moved(const Eigen::VectorXd& before, const AlternativeMotion& motion, const Eigen::VectorXd& estimate) const;
 
   const LinearisedFit& fit_;
   std::vector<Eigen::Index> free_;                 // columns that are not held

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/distributions.hpp"
 #include "base/text.hpp"
 #include "diagnosis/changes_midway.hpp"
 #include "diagnosis/mistake_trial.hpp"
@@ -25,10 +26,15 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
+constexpr double kFalseAlarm = 1e-5;  // of all trials of a kind
+
 // Factors on lengths are linear near 1; larger ones are other units, or nothing but noise.
-MistakeTrial scale_trial(const std::string& which) {
+MistakeTrial scale_trial(const std::string& which, double sigma) {
   constexpr double kLargest = 0.2;
+  constexpr double kBeyond = 3.0;  // sigma
   return {.cause = Cause::scale,
+          .subject = which,
+          .unit = "%",
           .words =
               [which](const Explained& found) {
                 const double factor = 1.0 + found.estimate[0];
@@ -36,7 +42,8 @@ MistakeTrial scale_trial(const std::string& which) {
                 return fmt::format("{} {:.5g} times as long ({})", which, factor,
                                    units.empty() ? "unit, temperature or instrument set wrong" : units);
               },
-          .largest = kLargest};
+          .largest = kLargest,
+          .least = kBeyond * sigma};
 }
 
 void make_longer(Observation& row, const Vector3d& predicted, double step) {
@@ -51,7 +58,7 @@ void make_longer(Observation& row, const Vector3d& predicted, double step) {
 void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
   const MatrixXd C = fit.disturbed(make_longer);
   MistakeFamily all;
-  all.add(explanations, explanations.sums(C), [] { return scale_trial("all measured lengths"); });
+  all.add(explanations, explanations.sums(C), [&] { return scale_trial("all measured lengths", fit.scale_sigma()); });
   families.push_back(std::move(all));
 
   const std::vector<std::string>& stations = fit.rows().stations;
@@ -63,7 +70,7 @@ void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::
       own.middleRows(first, count) *= fit.station(c) == station ? 1.0 : 0.0;
     }
     of_stations.add(explanations, explanations.sums(own),
-                    [&] { return scale_trial("lengths of station " + shown(stations[station])); });
+                    [&] { return scale_trial("lengths of station " + shown(stations[station]), fit.scale_sigma()); });
   }
   families.push_back(std::move(of_stations));
 
@@ -73,14 +80,17 @@ void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::
       o.position()[axis] += is_distance(o) ? 0.0 : step * predicted[axis];
     });
     of_axes.add(explanations, explanations.sums(along),
-                [&] { return scale_trial(fmt::format("coordinates {}", "xyz"[axis])); });
+                [&] { return scale_trial(fmt::format("coordinates {}", "xyz"[axis]), 0.0); });
   }
   families.push_back(std::move(of_axes));
 }
 
 void try_constants(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
   const auto constant = [](const std::string& which) {
-    return MistakeTrial{.cause = Cause::distance_zero, .words = [which](const Explained& found) {
+    return MistakeTrial{.cause = Cause::distance_zero,
+                        .subject = which + " by the same length",
+                        .unit = "mm",
+                        .words = [which](const Explained& found) {
                           return fmt::format("{} {} too {} (zero of the instrument)", which,
                                              said_length(std::abs(found.estimate[0])),
                                              found.estimate[0] > 0.0 ? "long" : "short");
@@ -122,6 +132,9 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
       const EffectTerm& term = fit.model().effects[d];
       const MovingJoint& joint = fit.model().joints[static_cast<std::size_t>(term.index)];
       return MistakeTrial{.cause = Cause::joint_gain,
+                          .subject = "gain of " + joint.name,
+                          .unit = "%",
+                          .in_unit = 1.0 / term.scale,
                           .motion = {.of_robot = M},
                           .words = [&joint, scale = term.scale](const Explained& found) {
                             return fmt::format(
@@ -138,7 +151,11 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
     if (const std::optional<MatrixXd> M = fit.of_zero(joint)) {
       const VectorXd before = fit.rows().joint_values.row(static_cast<Index>(joint) - 1);
       couplings.add(explanations, weighted(fit, explanations, before, *M), [&, joint] {
-        return MistakeTrial{.cause = Cause::joint_gain, .words = [&fit, joint](const Explained& found) {
+        const std::string& name = fit.model().joints[joint].name;
+        return MistakeTrial{.cause = Cause::joint_gain,
+                            .subject = name + " coupled with " + fit.model().joints[joint - 1].name,
+                            .unit = "%",
+                            .words = [&fit, joint](const Explained& found) {
                               return fmt::format("{} moving by {:.3g} of the motion of {} (coupled gears)",
                                                  fit.model().joints[joint].name, found.estimate[0],
                                                  fit.model().joints[joint - 1].name);
@@ -158,15 +175,19 @@ void try_stated_frames(const OrdinaryFit& fit, const Explanations& explanations,
   };
   for (std::size_t station = 0; station < fit.model().stations.size(); ++station) {
     if (find_base(fit.known().bases, fit.model().stations[station]) != nullptr) {
-      stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_base(station)),
-                 [&] { return MistakeTrial{.cause = Cause::known_base, .words = off("the known base")}; });
+      stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_base(station)), [&] {
+        return MistakeTrial{.cause = Cause::known_base, .subject = "the known base", .words = off("the known base")};
+      });
     }
   }
   for (std::size_t k = 0; k < fit.targets().size(); ++k) {
     const std::string& name = fit.targets()[k].name;
     if (find_target(fit.known().targets, name) != nullptr) {
-      stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_target(k)),
-                 [&] { return MistakeTrial{.cause = Cause::known_target, .words = off("target " + shown(name))}; });
+      stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_target(k)), [&] {
+        return MistakeTrial{.cause = Cause::known_target,
+                            .subject = "stated target " + shown(name),
+                            .words = off("target " + shown(name))};
+      });
     }
   }
   families.push_back(std::move(stated));
@@ -183,7 +204,6 @@ struct Found {
 
 std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const Explanations& explanations,
                              const OrdinaryFit& fit, double uncertainty) {
-  constexpr double kFalseAlarm = 1e-5;
   constexpr double kHopeless = -5.0;  // first evidence
   constexpr std::size_t kMostFitted = 8;
   constexpr double kRadius = 1.614;  // 95 % radius over the 3D RMS, of alike normal coordinates
@@ -208,8 +228,9 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
                       .left = left,
                       .radius = radius};
     const bool significant = explained.p_value * family->trials < kFalseAlarm;
-    const bool matters =
-        std::min(explained.moves, explained.size) > radius && explained.estimate.norm() <= family->best->largest;
+    const bool matters = std::min(explained.moves, explained.size) > radius &&
+                         explained.estimate.norm() <= family->best->largest &&
+                         explained.estimate.norm() >= family->best->least;
     if (significant && matters && found.evidence > (result ? result->evidence : 0.0)) {
       result = found;
     }
@@ -225,9 +246,36 @@ AlternativeReading said(const Found& found, const OrdinaryFit& fit) {
                                  said_length(found.explained.moves), said_length(found.radius), kUsedAsRead)};
 }
 
-std::optional<Found> best_mistake(const OrdinaryFit& fit, const FitToDoubt& doubted) {
+// What was tried beside a fit: the best mistake, and what each would have shown.
+struct Search {
+  std::optional<Found> found;
+  std::vector<DetectableMistake> detectable;
+};
+
+std::vector<DetectableMistake> detectable(const std::vector<MistakeFamily>& families,
+                                          const Explanations& explanations) {
+  constexpr double kPower = 0.8;
+  std::vector<DetectableMistake> result;
+  for (const MistakeFamily& family : families) {
+    for (const MistakeTrial& trial : family.listed) {
+      const double wanted =
+          non_centrality(kFalseAlarm / family.trials, kPower, static_cast<double>(trial.sums.cross[0].cols()));
+      if (const auto least = explanations.detectable(trial.sums, trial.motion, wanted)) {
+        result.push_back({.cause = trial.cause,
+                          .subject = trial.subject,
+                          .estimate = *trial.unit != 0 ? trial.in_unit * std::abs(least->estimate[0]) : 0.0,
+                          .unit = trial.unit,
+                          .size = least->size,
+                          .moves = least->moves});
+      }
+    }
+  }
+  return result;
+}
+
+Search best_mistake(const OrdinaryFit& fit, const FitToDoubt& doubted) {
   if (!(fit.misfit() > 0.0)) {
-    return std::nullopt;
+    return {};
   }
   const Explanations explanations(fit.linear());
   std::vector<MistakeFamily> families;
@@ -238,19 +286,22 @@ std::optional<Found> best_mistake(const OrdinaryFit& fit, const FitToDoubt& doub
     try_joints(fit, explanations, families);
     try_changes(fit, explanations, families);
   }
-  return best_of(families, explanations, fit, doubted.uncertainty);
+  return {.found = best_of(families, explanations, fit, doubted.uncertainty),
+          .detectable = detectable(families, explanations)};
 }
 
 }  // namespace
 
 // A configuration of its own is named by other checks. What remains without it is looked at again.
-std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit) {
+MistakeSearch likely_mistake(const FitToDoubt& fit) {
   constexpr int kMostLeftOut = 3;
+  MistakeSearch result;
   const bool any_stated = !fit.known.bases.empty() || !fit.known.targets.empty();
   if (!fit.fix.empty() && any_stated) {  // where errors are held, a stated frame alone
     const OrdinaryFit ordinary(fit);
-    if (const std::optional<Found> found = best_mistake(ordinary, fit)) {
-      return said(*found, ordinary);
+    if (const std::optional<Found> found = best_mistake(ordinary, fit).found) {
+      result.mistake = said(*found, ordinary);
+      return result;
     }
   }
   std::optional<Measurements> fewer;
@@ -264,22 +315,25 @@ std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit) {
                           .estimate = fit.estimate,
                           .known = fit.known,
                           .uncertainty = fit.uncertainty,
-                          .stated = fit.stated};
+                          .stated = fit.stated,
+                          .scale_sigma = fit.scale_sigma};
     const OrdinaryFit ordinary(rest);
-    const std::optional<Found> found = best_mistake(ordinary, rest);
-    if (!found) {
-      return std::nullopt;
+    Search search = best_mistake(ordinary, rest);
+    result.detectable = std::move(search.detectable);
+    if (!search.found) {
+      break;
     }
-    if (!found->trial.alone) {
-      return said(*found, ordinary);
+    if (!search.found->trial.alone) {
+      result.mistake = said(*search.found, ordinary);
+      break;
     }
     Measurements without = rows;
     std::erase_if(without.observations, [&](const Observation& o) {
-      return rows.configurations[static_cast<std::size_t>(o.configuration)] == *found->trial.alone;
+      return rows.configurations[static_cast<std::size_t>(o.configuration)] == *search.found->trial.alone;
     });
     fewer = std::move(without);
   }
-  return std::nullopt;
+  return result;
 }
 
 }  // namespace kdl_calibration

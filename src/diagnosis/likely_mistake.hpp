@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <vector>
 
 #include "diagnosis/alternative_readings.hpp"
 #include "diagnosis/ordinary_fit.hpp"
@@ -16,6 +17,11 @@ namespace kdl_calibration {
 /// significant among all trials of its kind and moves predictions in the measured ranges by more than the radius (95 %)
 /// that they would have without it. Where a single configuration explains more, it is left out first. At most 3,000
 /// configurations are used, and 300 places of a change.
-std::optional<AlternativeReading> likely_mistake(const FitToDoubt& fit);
+struct MistakeSearch {
+  std::optional<AlternativeReading> mistake;
+  std::vector<DetectableMistake>
+      detectable;  ///< of those that were tried, what changes midway halfway through the rows
+};
+MistakeSearch likely_mistake(const FitToDoubt& fit);
 
 }  // namespace kdl_calibration

@@ -5,6 +5,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "diagnosis/explanations.hpp"
 #include "kdl_calibration/accuracy.hpp"
@@ -14,10 +15,14 @@ namespace kdl_calibration {
 /// An alternative, and how it is said.
 struct MistakeTrial {
   Cause cause = Cause::scale;
+  std::string subject = {};  ///< what it concerns
+  const char* unit = "";     ///< of its estimate, if that is a single number: "mm" for [m], "mrad", or "%" of a factor
+  double in_unit = 1.0;      ///< the estimate times this is in SI units, or the factor
   AlternativeSums sums = {};
   AlternativeMotion motion = {};
   std::function<std::string(const Explained&)> words = {};
   double largest = std::numeric_limits<double>::infinity();  ///< estimate for which it is linear
+  double least = 0.0;                                        ///< estimate that is not in the uncertainties already
   std::optional<std::string> alone = std::nullopt;           ///< label of the only configuration that it concerns
 };
 
@@ -26,14 +31,20 @@ struct MistakeFamily {
   double trials = 0.0;
   double evidence = -1e300;
   std::optional<MistakeTrial> best;
+  std::vector<MistakeTrial> listed;  ///< for DetectableMistake
 
   template <class MakeTrial>
-  void add(const Explanations& explanations, const AlternativeSums& sums, MakeTrial trial) {
+  void add(const Explanations& explanations, const AlternativeSums& sums, MakeTrial trial, bool is_listed = true) {
     trials += 1.0;
-    if (const double here = explanations.first_evidence(sums); here > evidence) {
+    const double here = explanations.first_evidence(sums);
+    if (here > evidence) {
       evidence = here;
       best = trial();
       best->sums = sums;
+    }
+    if (is_listed) {
+      listed.push_back(trial());
+      listed.back().sums = sums;
     }
   }
 };

@@ -161,6 +161,10 @@ void OrdinaryFit::predict() {
   const PositionPredictor predictor(model_, estimate_, wide_);
   const std::vector<Eigen::Isometry3d> here = flange_poses(model_, estimate_, places, signals);
   const std::vector<Eigen::Isometry3d> doubted = flange_poses(model_, result_, places, signals);
+  // Of the arm alone, along the axes of W, where W and the base are no single frame: as the predictor does.
+  const bool alone = model_.has_open_bases || estimate_.frames.bases.size() > 1;
+  const Eigen::Isometry3d X_WB = estimate_.frames.base();
+  const Eigen::Isometry3d X_WB_doubted = alone ? X_WB : result_.frames.base();
   const std::size_t targets = estimate_.frames.targets.size();
   linear_.predicted = MatrixXd(3 * static_cast<Index>(targets) * places.cols(), wide_.size());
   linear_.offset = VectorXd(linear_.predicted.rows());
@@ -170,8 +174,8 @@ void OrdinaryFit::predict() {
     const auto jacobians = predictor.jacobians(places.col(place), column(signals, place));
     for (std::size_t k = 0; k < targets; ++k) {
       linear_.predicted.middleRows<3>(row) = jacobians[k];
-      linear_.offset.segment<3>(row) = here[c] * estimate_.frames.targets[k].X_FT.translation() -
-                                       doubted[c] * result_.frames.targets[k].X_FT.translation();
+      linear_.offset.segment<3>(row) = X_WB * here[c] * estimate_.frames.targets[k].X_FT.translation() -
+                                       X_WB_doubted * doubted[c] * result_.frames.targets[k].X_FT.translation();
       row += 3;
     }
   }

@@ -29,6 +29,7 @@ struct FitToDoubt {
   std::vector<std::string> fix = {};  ///< patterns of errors that are held at zero
   double uncertainty = 0.0;           ///< [m] 3D 1 sigma of predictions, from the parameters alone
   NoiseModel stated = {};             ///< noise of the measurements
+  double scale_sigma = 0.0;           ///< of a factor on all lengths: what is in every uncertainty is no mistake
 };
 
 /// Every geometric error, sag under gravity and gain has an ordinary size, the fit's other effects a small one; frames
@@ -44,6 +45,7 @@ public:
   const ErrorModel& model() const { return model_; }
   const std::vector<TargetFrame>& targets() const { return estimate_.frames.targets; }
   const KnownFrames& known() const { return fit_.known; }
+  double scale_sigma() const { return fit_.scale_sigma; }
   Eigen::Index columns() const { return wide_.size(); }
   /// Whether the origin of W is that of a tracker.
   bool has_tracker() const { return options_.noise.tracker.has_value(); }

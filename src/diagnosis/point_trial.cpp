@@ -111,6 +111,21 @@ std::string units_of_factor(double factor) {
   return {};
 }
 
+double rounding_of(const Measurements& measurements) {
+  constexpr double kExact = 1e-6;  // of the step: rounding of the file's numbers
+  for (const double step : {1e-4, 1e-5, 1e-6}) {
+    const bool is_multiple = std::all_of(measurements.observations.begin(), measurements.observations.end(),
+                                         [&](const Observation& observation) {
+                                           const Eigen::Array3d steps = observation.position() / step;
+                                           return ((steps - steps.round()).abs() < kExact * steps.abs().max(1.0)).all();
+                                         });
+    if (is_multiple) {
+      return step;
+    }
+  }
+  return 0.0;
+}
+
 Motion motion(const std::vector<Eigen::Isometry3d>& X_BF, const Measurements& measurements) {
   const std::size_t targets = measurements.targets.size();
   std::vector<double> counts(targets);

@@ -29,6 +29,9 @@ Measurements divided(Measurements measurements, const Eigen::Vector3d& factors);
 /// A text such as "millimetres read as metres" if the factor converts two units; else empty.
 std::string units_of_factor(double factor);
 
+/// The largest of 0.1 mm, 0.01 mm and 1 um of which all coordinates are multiples [m]; 0 if none.
+double rounding_of(const Measurements& measurements);
+
 /// RMS distance [m] of a target's points from their mean, and the same for the flange.
 struct Motion {
   double points = 0.0;

@@ -87,6 +87,15 @@ Measurements without_observations(const Measurements& measurements) {
 
 Measurements whole_points(const Measurements& measurements) { return subset(measurements, is_whole); }
 
+Measurements from_zero(Measurements measurements, double zero) {
+  for (Observation& row : measurements.observations) {
+    if (auto* const distance = std::get_if<Distance>(&row.reading)) {
+      distance->length -= zero;
+    }
+  }
+  return measurements;
+}
+
 Measurements without_orientations(Measurements measurements) {
   for (Observation& observation : measurements.observations) {
     if (has_orientation(observation)) {

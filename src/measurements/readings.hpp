@@ -57,6 +57,8 @@ bool has_order(const Measurements& measurements);
 Measurements without_observations(const Measurements& measurements);
 /// The rows that are whole points, as measurements without single coordinates; none if there are no such rows.
 Measurements whole_points(const Measurements& measurements);
+/// The measurements with their distances counted from this zero: each is shorter by it.
+Measurements from_zero(Measurements measurements, double zero);
 /// The same rows with points instead of poses.
 Measurements without_orientations(Measurements measurements);
 /// The same rows in no known order.

@@ -9,6 +9,7 @@
 #include "estimation/identification.hpp"
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/readings.hpp"
 #include "results/report_blocks.hpp"
 #include "results/report_files.hpp"
 
@@ -157,10 +158,12 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     const CalibrationParts saved = parse_calibration(page.result, *page.robot, page.source);
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
-      const Estimate before = nominal_start(saved.model, *page.measurements, {.known = page.known});
+      const double zero = result.contains("distance_zero") ? result["distance_zero"]["length"].get<double>() : 0.0;
+      const Measurements measured = from_zero(*page.measurements, zero);
+      const Estimate before = nominal_start(saved.model, measured, {.known = page.known});
       data["measured"] = measurements_block({.model = saved.model,
                                              .estimate = saved.estimate,
-                                             .measurements = *page.measurements,
+                                             .measurements = measured,
                                              .before = &before,
                                              .convention = page.convention});
       data["effects"] = effects_block(saved, *page.measurements);

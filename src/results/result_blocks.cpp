@@ -11,6 +11,7 @@
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "results/calibrated_urdf.hpp"
 
@@ -28,6 +29,12 @@ Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
     result["quaternion_wxyz"] = quaternion(frame.linear());
   }
   return result;
+}
+
+std::vector<Eigen::Vector3d> residuals_of_fit(const Measurements& measurements, const CalibrationResult& calibration) {
+  const double zero = calibration.distance_zero ? calibration.distance_zero->length : 0.0;
+  return residuals_of(calibration.model, calibration.fit.identification.estimate,
+                      zero != 0.0 ? from_zero(measurements, zero) : measurements);
 }
 
 // Null if not finite.
@@ -83,8 +90,7 @@ Json covariance_json(const CalibrationResult& calibration) {
 }
 
 Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration) {
-  const std::vector<Eigen::Vector3d> all =
-      residuals_of(calibration.model, calibration.fit.identification.estimate, measurements);
+  const std::vector<Eigen::Vector3d> all = residuals_of_fit(measurements, calibration);
   std::vector<double> distances(all.size());
   std::transform(all.begin(), all.end(), distances.begin(), [](const Eigen::Vector3d& e) { return e.norm(); });
   std::vector<std::size_t> shown(all.size());
@@ -128,8 +134,7 @@ Json held_out_points_json(const Measurements& measurements, const CalibrationRes
 std::string residuals_csv(const Measurements& measurements, const CalibrationResult& calibration) {
   check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
-  const std::vector<Eigen::Vector3d> all =
-      residuals_of(calibration.model, calibration.fit.identification.estimate, measurements);
+  const std::vector<Eigen::Vector3d> all = residuals_of_fit(measurements, calibration);
   const bool several = measurements.stations.size() > 1;
   std::string csv = "configuration,repeat,target,split,";
   csv += several ? "station,dx[m],dy[m],dz[m],distance[m]\n" : "dx[m],dy[m],dz[m],distance[m]\n";

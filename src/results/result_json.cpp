@@ -188,17 +188,22 @@ Json tried_json(const std::vector<ModelOption>& options) {
 }
 
 // 3D 1 sigma of a new measured point about its prediction, by source.
-Json budget_json(const NoiseReport& noise, const ErrorStatistics& of_parameters) {
+Json budget_json(const NoiseReport& noise, const PredictedAccuracy& predicted) {
   constexpr double kCoverage = 2.0;
   const double factor = new_point_noise(noise).variance_factor;
   const double point = factor * noise.independent.squaredNorm();
   const double repeat = factor * noise.common.squaredNorm();
   const double misfit = 3.0 * (noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit);
-  const double parameters = of_parameters.count > 0 ? of_parameters.rms : kInfinity;
-  const double total = std::sqrt(point + repeat + misfit + parameters * parameters);
-  return {{"of_point", std::sqrt(point)},   {"of_repeat", std::sqrt(repeat)},
-          {"of_misfit", std::sqrt(misfit)}, {"of_parameters", finite_or_null(parameters)},
-          {"total", finite_or_null(total)}, {"expanded", finite_or_null(kCoverage * total)}};
+  const double both = predicted.within.count > 0 ? std::pow(predicted.within.rms, 2) : kInfinity;
+  const double assumptions = std::min(std::pow(predicted.of_assumptions, 2), both);
+  const double total = std::sqrt(point + repeat + misfit + both);
+  return {{"of_point", std::sqrt(point)},
+          {"of_repeat", std::sqrt(repeat)},
+          {"of_misfit", std::sqrt(misfit)},
+          {"of_parameters", finite_or_null(std::sqrt(both - assumptions))},
+          {"of_assumptions", std::sqrt(assumptions)},
+          {"total", finite_or_null(total)},
+          {"expanded", finite_or_null(kCoverage * total)}};
 }
 
 Json earlier_json(const EarlierComparison& comparison) {
@@ -213,8 +218,9 @@ Json earlier_json(const EarlierComparison& comparison) {
 }
 
 Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise, bool in_base) {
-  Json result = {{"budget", budget_json(noise, predicted.measured)},
+  Json result = {{"budget", budget_json(noise, predicted)},
                  {"measured", statistics_json(predicted.measured)},
+                 {"within", statistics_json(predicted.within)},
                  {"workspace", statistics_json(predicted.workspace)},
                  {"cell", predicted.cell},
                  {"radius_factor", predicted.region.radius_factor},
@@ -236,6 +242,10 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
   result["tried"] = tried_json(calibration.selection.tried);
   if (!calibration.selection.not_tried.empty()) {
     result["not_tried"] = calibration.selection.not_tried;
+  }
+  if (calibration.distance_zero) {
+    result["distance_zero"] = {{"length", calibration.distance_zero->length},
+                               {"sigma", calibration.distance_zero->sigma}};
   }
   if (const auto& continued = calibration.selection.continued) {
     result["prior_result"] = earlier_json(continued->comparison);
@@ -262,6 +272,18 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                         {"message", finding.message}});
   }
   result["findings"] = findings;
+  Json detectable = Json::array();
+  for (const DetectableMistake& mistake : calibration.diagnosis.detectable) {
+    detectable.push_back({{"cause", to_string(mistake.cause)},
+                          {"subject", mistake.subject},
+                          {"estimate", *mistake.unit != 0 ? Json(mistake.estimate) : Json(nullptr)},
+                          {"unit", mistake.unit},
+                          {"size", mistake.size},
+                          {"moves", mistake.moves}});
+  }
+  result["detectable"] = detectable;
+  result["assumed"] = {{"scale_sigma", calibration.settings.noise.scale_sigma},
+                       {"length_sigma", calibration.settings.noise.length_sigma}};
   result["iso_9283"] = {{"before", iso_json(calibration.accuracy.iso_before)},
                         {"after", iso_json(calibration.accuracy.iso_after)}};
   if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {

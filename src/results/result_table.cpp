@@ -155,6 +155,31 @@ void add_most_influential(const Measurements& measurements, const Influence& inf
   }
 }
 
+// Of each kind the mistake that would harm most.
+void add_detectable(const std::vector<DetectableMistake>& mistakes, std::string& text) {
+  std::vector<const DetectableMistake*> worst;
+  for (const DetectableMistake& mistake : mistakes) {
+    const auto same =
+        std::find_if(worst.begin(), worst.end(), [&](const auto* other) { return other->cause == mistake.cause; });
+    if (same == worst.end()) {
+      worst.push_back(&mistake);
+    } else if ((*same)->moves < mistake.moves) {
+      *same = &mistake;
+    }
+  }
+  if (worst.empty()) {
+    return;
+  }
+  text += "\nthe smallest mistake that would show (80 %), and what it does if it is hidden [mm]\n";
+  text += fmt::format("{:>70}\n", "points  predictions");
+  for (const DetectableMistake* mistake : worst) {
+    const double shown = mistake->estimate * (std::string_view(mistake->unit) == "%" ? 1e2 : 1e3);
+    const std::string size = *mistake->unit != 0 ? fmt::format("{:.2g} {}", shown, mistake->unit) : "";
+    text += padded("  " + mistake->subject, 40) + fmt::format("{:>10}", size) + cell(mistake->size * 1e3, 8) +
+            cell(mistake->moves * 1e3, 12) + "\n";
+  }
+}
+
 void add_predictions(const std::vector<AskedPoint>& points, std::string& text) {
   if (points.empty()) {
     return;
@@ -434,6 +459,7 @@ std::string result_table(const Measurements& measurements, const CalibrationResu
     add_parameters(calibration, options.fixed, text);
     add_effects(calibration, measurements, text);
     add_most_influential(measurements, calibration.uncertainty.influence, text);
+    add_detectable(calibration.diagnosis.detectable, text);
     add_frames(calibration.model, calibration.fit.identification.estimate, text);
   }
   if (!options.written.empty()) {

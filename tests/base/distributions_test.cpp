@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <bit>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 namespace kdl_calibration::distributions_test {
 namespace {
@@ -58,6 +60,44 @@ TEST(Binomial, UpperTailIsTheSumOfItsTerms) {
     EXPECT_EQ(binomial_upper_tail(trials + 1, trials, 0.05), 0.0);
   }
   EXPECT_EQ(binomial_upper_tail(0, 0, 0.05), 1.0);
+}
+
+// Baarda (1968): 17.075 for one condition, a level of 0.1 % and a power of 80 %.
+TEST(ChiSquared, NonCentralityIsThatOfBaardasTable) {
+  EXPECT_NEAR(non_centrality(0.001, 0.8, 1.0), 17.075, 1e-3);
+  EXPECT_NEAR(non_centrality(0.05, 0.5, 1.0), 1.96 * 1.96, 2e-2);  // half of a normal value beyond its limit
+  EXPECT_GT(non_centrality(0.001, 0.8, 6.0), non_centrality(0.001, 0.8, 1.0));
+}
+
+// Against all orders of a few values.
+TEST(RankSum, TailIsTheShareOfOrdersThatAreAsUnequal) {
+  const std::vector<double> values = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
+  const auto pairs = [&](unsigned chosen) {
+    int count = 0;
+    for (unsigned i = 0; i < values.size(); ++i) {
+      for (unsigned j = 0; j < i; ++j) {
+        count += ((chosen >> i) & 1U) != 0 && ((chosen >> j) & 1U) == 0 ? 1 : 0;
+      }
+    }
+    return count;
+  };
+  for (const unsigned first : {0b11111000000U, 0b11010010100U, 0b00101010101U}) {
+    std::vector<double> one;
+    std::vector<double> other;
+    for (unsigned i = 0; i < values.size(); ++i) {
+      (((first >> i) & 1U) != 0 ? one : other).push_back(values[i]);
+    }
+    double as_unequal = 0.0;
+    double orders = 0.0;
+    for (unsigned chosen = 0; chosen < (1U << values.size()); ++chosen) {
+      if (std::popcount(chosen) == std::popcount(first)) {
+        orders += 1.0;
+        as_unequal += pairs(chosen) > pairs(first) ? 1.0 : pairs(chosen) == pairs(first) ? 0.5 : 0.0;
+      }
+    }
+    EXPECT_NEAR(rank_sum_upper_tail(one, other), as_unequal / orders, 0.01);
+  }
+  EXPECT_EQ(rank_sum_upper_tail({}, values), 1.0);
 }
 
 TEST(ChiSquared, TailHasItsClosedFormAlsoAsTheLimitOfF) {

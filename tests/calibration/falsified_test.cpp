@@ -146,6 +146,16 @@ std::vector<Falsification> of_models() {
                                       o.target = (o.target + 1) % count;
                                     });
            }},
+          {"positions as a controller displays them", "displayed_positions",
+           [](Job& job) {
+             Estimate nominal = job.m.truth;
+             nominal.errors.setZero();
+             nominal.effects.resize(0);
+             const VirtualRobot drawing{.model = job.m.model, .truth = nominal};
+             job.m.data.observations =
+                 without_sigmas(measure(drawing, job.m.data.joint_values, {}, job.random)).observations;
+             for_rows(job.m, [](Observation& o) { o.position() = (o.position() / 1e-5).array().round() * 1e-5; });
+           }},
           {"test rows of another place", "test_rows_differ|worse_than_nominal", [](Job& job) {
              job.for_configurations([](int c) { return c % 4 == 0; },
                                     [&](Observation& o) {
@@ -228,6 +238,21 @@ TEST(Falsified, FilesAreCalledWhatTheyAre) {
 }
 
 // A loss that leaves a row out leaves it out of the verdict as well.
+// An arm that sags, two of whose joints never move: their errors are held, and its sag is found all the same.
+TEST(Falsified, JointsAtRestDoNotHideTheSagOfOthers) {
+  for (const std::uint64_t seed : {1U, 2U}) {
+    const Job job{.m = measured(large_arm(), seed, {.configurations = 40, .effect = 0.0005, .at_rest = {4, 5}})};
+    const CalibrationResult found = job.run();
+    EXPECT_FALSE(found.uncertainty.fixed_by_gauge.empty());
+    ASSERT_TRUE(found.trusted()) << found.diagnosis.doubts[0].message;
+    ASSERT_FALSE(found.model.effects.empty());
+    const BeforeAfter& left_out = *found.accuracy.leave_one_out;
+    EXPECT_LT(left_out.after.rms, 0.0001);
+    EXPECT_GT(left_out.rigid->rms, 2.0 * left_out.after.rms);
+    EXPECT_THAT(found.selection.not_tried, ::testing::HasSubstr("priors (they would hide"));
+  }
+}
+
 TEST(Falsified, ARowWithoutWeightIsNoReasonToDoubt) {
   for (const double distance : {0.062, 1.0}) {
     Job job{.m = measured(large_arm(), 3), .random = Random(3)};

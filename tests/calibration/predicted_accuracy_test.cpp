@@ -31,6 +31,7 @@ struct Uncertain : testing::VirtualExperiment {
   NoiseReport noise;
   std::vector<HeldOutPoint> held_out;
   double optimism = 1.0;
+  MatrixXd assumed;
   Configurations asked;
 
   explicit Uncertain(int count_of_targets)
@@ -41,6 +42,7 @@ struct Uncertain : testing::VirtualExperiment {
     Random numbers(5);
     const MatrixXd root = MatrixXd::NullaryExpr(free.size(), free.size(), [&] { return 1e-5 * numbers.normal(); });
     covariance = root * root.transpose();
+    assumed = MatrixXd(free.size(), 0);
     sqrt_information = MatrixXd::Identity(free.size(), free.size());
     noise.source = NoiseSource::residuals;
     noise.degrees_of_freedom = 20.0;
@@ -55,7 +57,8 @@ struct Uncertain : testing::VirtualExperiment {
                                .candidate_sqrt_information = sqrt_information,
                                .noise = noise,
                                .held_out = held_out,
-                               .optimism = optimism},
+                               .optimism = optimism,
+                               .assumed = assumed},
                               TrainingRows(measured), asked);
   }
 
@@ -127,6 +130,53 @@ TEST(PredictedAccuracy, CountsTheTestConfigurationsOutsideTheirRadius) {
   EXPECT_EQ(tested.configurations, 8);
   EXPECT_NEAR(tested.p_value, 0.0029, 5e-5);  // 5 or more of 8 at 15 %
   EXPECT_EQ(u.predicted(u.measure(12)).tested.configurations, 0);
+}
+
+// Left-out configurations are within a third of their radius, test rows within 0.9 of it: none is outside, all are
+// worse.
+TEST(PredictedAccuracy, TestRowsThatAreWorseThanLeftOutOnesAreSo) {
+  Uncertain u(3);
+  Measurements measured = u.measure(60);
+  u.ask(measured.joint_values);
+  const std::vector<AskedPoint> points = u.predicted(measured).asked;
+  const auto with_shares = [&](double of_test) {
+    u.held_out.clear();
+    for (std::size_t row = 0; row < measured.observations.size(); ++row) {
+      Observation& o = measured.observations[row];
+      const auto at = static_cast<std::size_t>(o.configuration) * 3 + static_cast<std::size_t>(o.target);
+      const double grows = 1.0 + 0.01 * o.configuration;  // no two are alike
+      o.split = o.configuration < 12 ? Split::test : Split::train;
+      o.position() = points[at].position_W + of_test * grows * points[at].radius_95 * Vector3d(0.6, 0.0, -0.8);
+      if (o.split == Split::train && o.configuration < 40) {
+        const Matrix3Xd J = PositionPredictor(u.model, u.robot.truth, u.free)
+                                .jacobians(measured.joint_values.col(o.configuration))[at % 3];
+        u.held_out.push_back({.configuration = o.configuration,
+                              .target = o.target,
+                              .measured = points[at].position_W,
+                              .residual = 0.3 * grows * points[at].radius_95 * Vector3d(0.6, 0.0, -0.8),
+                              .covariance = J * u.covariance * J.transpose()});
+      }
+    }
+    return u.predicted(measured).tested;
+  };
+  const TestedRadius worse = with_shares(0.8);
+  EXPECT_EQ(worse.outside, 0);
+  EXPECT_LT(worse.p_value, 1e-4);
+  EXPECT_EQ(with_shares(0.3).p_value, 1.0);
+}
+
+// What the measurements take as true adds to the region and is said by itself.
+TEST(PredictedAccuracy, SaysThePartOfWhatIsTakenAsTrue) {
+  Uncertain u(2);
+  u.assumed = MatrixXd::Constant(u.free.size(), 1, 2e-5);
+  u.covariance += u.assumed * u.assumed.transpose();
+  const Measurements measured = u.measure(12);
+  const PredictedAccuracy found = u.predicted(measured);
+  ASSERT_EQ(found.within.count, 600);
+  EXPECT_GT(found.of_assumptions, 0.0);
+  EXPECT_LT(found.of_assumptions, found.within.rms);
+  u.covariance = u.assumed * u.assumed.transpose();
+  EXPECT_NEAR(u.predicted(measured).within.rms, found.of_assumptions, 1e-9 * found.of_assumptions);
 }
 
 TEST(PredictedAccuracy, WhereItWasMeasuredIsThatOfTheFirstThousandConfigurations) {

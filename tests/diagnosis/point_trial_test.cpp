@@ -49,6 +49,23 @@ struct Poses {
   }
 };
 
+// ---- rounding
+// ----------------------------------------------------------------------------------------------------------
+
+TEST(PointTrial, RoundingIsTheLargestStepOfWhichAllCoordinatesAreMultiples) {
+  Poses poses(10, 3, 0.0, 1);
+  EXPECT_EQ(rounding_of(poses.measured), 0.0);
+  for (const double step : {1e-6, 1e-5, 1e-4}) {
+    Measurements rounded = poses.measured;
+    for (Observation& o : rounded.observations) {
+      o.position() = (o.position() / step).array().round() * step;
+    }
+    EXPECT_EQ(rounding_of(rounded), step);
+    rounded.observations[7].position().z() += 0.1 * step;
+    EXPECT_LT(rounding_of(rounded), step);
+  }
+}
+
 // ---- scales --------------------------------------------------------------------------------------------------------
 
 TEST(PointTrial, ScalesOfCoordinatesAreFoundExactlyWithoutNoiseAndNearlyWithIt) {

@@ -185,13 +185,29 @@ function budgetTable() {
   if (!budget) return null;
   const share = (value) => (budget.total ? fixed((100 * value * value) / (budget.total * budget.total), 1) : null);
   const parts = [["single point", budget.of_point], ["repeat: shared by its points", budget.of_repeat], ["misfit of the model", budget.of_misfit],
-    ["parameters, at the measured configurations", budget.of_parameters]];
+    ["parameters, within the measured joint ranges", budget.of_parameters],
+    ["taken as true: scale, stated lengths", budget.of_assumptions]];
   return [el("h3", {}, "Uncertainty budget of a new measured point"),
     table(["source", " 1 σ [mm]", " share [%]"], [...parts.map(([name, value]) => [name, mm(value), share(value)]),
       { cells: ["total", mm(budget.total), share(budget.total)], attributes: { class: "is" } }, { cells: ["expanded, k = 2", mm(budget.expanded), ""], attributes: { class: "is" } }],
     { label: "Uncertainty budget", class: "budget" }),
-    note("Of the distance in space, not of one coordinate. ", parts.some(([, value]) => value === 0) ? "A part of 0 is not seen, or contained in another one: to separate them takes repeats and several targets. " : null,
+    assumptionsNote(budget), note("Of the distance in space, not of one coordinate. ", parts.some(([, value]) => value === 0) ? "A part of 0 is not seen, or contained in another one: to separate them takes repeats and several targets. " : null,
       (RESULT.predicted_accuracy.workspace || {}).count ? `Over the whole workspace the parameters' part is ${mm(RESULT.predicted_accuracy.workspace.rms)} mm.` : null)];
+}
+function assumptionsNote(budget) {
+  const assumed = RESULT.assumed;
+  if (!assumed) return null;
+  const tenfold = Math.sqrt(budget.total * budget.total + 99 * budget.of_assumptions * budget.of_assumptions);
+  return note(`Taken as true within 1 σ: all measured lengths to ${assumed.scale_sigma * 1e6} µm/m, stated distances to ${mm(assumed.length_sigma)} mm. If they are ten times as wrong, the total is ${mm(tenfold)} mm.`);
+}
+function detectableTable() {
+  const mistakes = RESULT.detectable || [];
+  if (!mistakes.length) return null;
+  const size = (m) => (m.unit ? `${(m.estimate * (m.unit === "%" ? 1e2 : 1e3)).toPrecision(2)} ${m.unit}` : "");
+  return [el("h3", {}, "Mistakes that would have shown"),
+    table(["mistake", " smallest", " at the points [mm]", " predictions off by [mm]"],
+      mistakes.map((m) => [m.subject, size(m), mm(m.size), mm(m.moves)]), { label: "Detectable mistakes", class: "detectable" }),
+    note("The smallest mistake of each kind that these measurements would have shown in 80 of 100 cases, along its least visible direction, and what a hidden one of that size does to predictions (minimal detectable bias and external reliability).")];
 }
 function askedTable() {
   const asked = (RESULT.predicted_accuracy || {}).asked || [];
@@ -216,6 +232,6 @@ function accuracy() {
       ...pairRows("Left out", ERRORS.leave_one_out), ["Left out, choices made anew", ERRORS.nested_leave_one_out, "is"], ...pairRows(folds(), ERRORS.k_fold),
       ["RP repeatability, fitted", (iso.after || {}).repeatability], ["RP repeatability, test", ((iso.test || {}).after || {}).repeatability]]),
     accuracyNote(ERRORS.train && ERRORS.train.means, "“Nominal” has base and targets fitted to the same points. "),
-    distributions("fitted", "test"), budgetTable(), askedTable(),
+    distributions("fitted", "test"), budgetTable(), detectableTable(), askedTable(),
   ];
 }
