@@ -69,20 +69,26 @@ struct ParameterChange {
 struct Comparison {
   double chi_square = 0.0;
   double degrees_of_freedom = 0.0;               ///< number of compared directions
-  double noise_degrees_of_freedom = 0.0;         ///< of the two estimates of the noise together
+  double noise_degrees_of_freedom = 0.0;         ///< of the noise and misfit in both, by groups of configurations
+  double misfit_factor = 1.0;                    ///< expectation of chi_square / degrees_of_freedom, by the misfit
   double p_value = 1.0;                          ///< of an unchanged robot
   std::vector<ParameterChange> parameters = {};  ///< geometric errors and effects of the earlier calibration
-  std::vector<std::string> not_compared = {};    ///< parameters that only one of the calibrations determines
-  ErrorStatistics flange = {};                   ///< [m] change of the flange's position, base and tool aligned
-  double flange_sigma = 0.0;                     ///< [m] RMS 3D 1 sigma of this change
+  /// Joints whose zero may have changed without a trace: the first, unless both calibrations hold the same base, and
+  /// the last, unless both hold the same targets.
+  std::vector<std::string> unseen_zeros = {};
+  std::vector<std::string> not_compared = {};  ///< parameters that only one of the calibrations determines
+  bool same_measurements = false;              ///< both are of the same rows: they show no change
+  ErrorStatistics flange = {};                 ///< [m] change of the flange's position, base and tool aligned
+  double flange_sigma = 0.0;                   ///< [m] RMS 3D 1 sigma of this change
 
   static constexpr double kCertain = 1e-3;
   bool has_changed() const { return p_value < kCertain; }
 };
 
 /// Compares what two independent calibrations say of the arm, whatever their gauges. Base and targets are not part of
-/// it. Throws InputError: calibrations of different robots, one that is not trusted, one without covariance, a second
-/// one that continues an earlier result, effects of gravity in different directions.
+/// it, and may have moved, unless both calibrations hold them at the same place. The misfit is not taken for white
+/// noise: each configuration has its own. Throws InputError: calibrations of different robots, one that is not trusted,
+/// one without covariance, a second one that continues an earlier result, effects of gravity in different directions.
 Comparison compare(const Calibration& before, const Calibration& after);
 
 }  // namespace kdl_calibration

@@ -2,13 +2,16 @@
 
 #include <algorithm>
 #include <iterator>
+#include <map>
 #include <optional>
 
+#include "base/decompositions.hpp"
 #include "calibration/noise_report.hpp"
 #include "estimation/identification.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "model/parameters.hpp"
+#include "validation/validation.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -34,6 +37,29 @@ std::optional<Identifiability> rigid_identifiability(const FitProblem& task, con
   const Estimate& estimate = fitted.identification.estimate;
   const LeastSquaresProblem problem(task.model, task.measurements, rigid, residuals);
   return identifiability(problem.whitened_summary(estimate).sqrt_information, rigid.names());
+}
+
+// See Uncertainty::shifts. Neighbouring configurations have the same misfit, so they are in one group.
+Eigen::MatrixXd grouped_shifts(const Influence& influence, const Measurements& measurements, const Eigen::MatrixXd& R,
+                               const Eigen::MatrixXd& priors) {
+  constexpr int kMostGroups = 50;
+  if (influence.configurations.empty()) {
+    return {};
+  }
+  std::map<Eigen::Index, const Eigen::VectorXd*> shift_of;
+  for (const ConfigurationInfluence& entry : influence.configurations) {
+    shift_of.emplace(entry.configuration, &entry.shift);
+  }
+  const auto groups = with_rest(make_folds(measurements, kMostGroups), measurements);
+  const auto count = static_cast<Eigen::Index>(groups.size());
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(R.cols(), count + priors.rows());
+  for (Eigen::Index g = 0; g < count; ++g) {
+    for (const Eigen::Index c : groups[static_cast<std::size_t>(g)]) {
+      result.col(g) += *shift_of.at(c);
+    }
+  }
+  result.rightCols(priors.rows()) = solution(R, solution(R.transpose(), priors.transpose()));
+  return result;
 }
 
 }  // namespace
@@ -79,6 +105,8 @@ Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const Nois
   result.noise.lack_of_fit = lack_of_fit(fit.model, fit.measurements, estimate, fitted.free);
   if (fit.measurements.joint_values.cols() <= kMostConfigurationsAssessed) {
     result.influence = influence(problem, fit.measurements, residuals, estimate, system.sqrt_information);
+    result.shifts = grouped_shifts(result.influence, fit.measurements, triangular_factor(system.sqrt_information),
+                                   prior_rows(fitted.free, residuals).rows);
   }
   return result;
 }

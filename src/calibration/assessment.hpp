@@ -21,7 +21,8 @@ struct Assessment {
   NoiseReport noise;
   Eigen::MatrixXd covariance;  ///< of the estimated columns
   Influence influence;
-  Eigen::MatrixXd root;  ///< R of the whitened system of these columns, see WhitenedSummary::sqrt_information
+  Eigen::MatrixXd shifts;  ///< see Uncertainty
+  Eigen::MatrixXd root;    ///< R of the whitened system of these columns, see WhitenedSummary::sqrt_information
   Eigen::MatrixXd candidate_sqrt_information;  ///< of the candidates' system
 };
 

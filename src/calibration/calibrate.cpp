@@ -309,6 +309,7 @@ Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const Tra
   result.observability = assessed.observability;
   result.covariance = std::move(assessed.covariance);
   result.influence = std::move(assessed.influence);
+  result.shifts = std::move(assessed.shifts);
   return result;
 }
 

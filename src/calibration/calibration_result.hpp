@@ -160,8 +160,12 @@ struct Uncertainty {
   Identifiability identifiability;          ///< of base, targets and geometry, without priors
   std::vector<std::string> fixed_by_gauge;  ///< errors held at zero, frames held as registered
   ObservabilityIndices observability;
-  Eigen::MatrixXd covariance;                 ///< of the columns of `DeterminedFit::free`
-  Influence influence;                        ///< of up to 5,000 configurations; empty where there are more
+  Eigen::MatrixXd covariance;  ///< of the columns of `DeterminedFit::free`
+  Influence influence;         ///< of up to 5,000 configurations; empty where there are more
+  /// How far the residuals of groups of configurations move the estimate (columns x groups), and each prior by its 1
+  /// sigma. Their outer products add up to a covariance that does not take the misfit for white noise. Empty where
+  /// `influence` is.
+  Eigen::MatrixXd shifts;
   std::vector<ParameterEstimate> parameters;  ///< base, targets, geometric, effects: estimated ones and the gauge
   PredictedAccuracy predicted;
 };

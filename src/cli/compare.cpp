@@ -4,6 +4,7 @@
 #include <iterator>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/degree.hpp"
@@ -54,9 +55,12 @@ Json json(const Comparison& comparison) {
           {"chi_square", comparison.chi_square},
           {"degrees_of_freedom", comparison.degrees_of_freedom},
           {"noise_degrees_of_freedom", comparison.noise_degrees_of_freedom},
+          {"misfit_factor", comparison.misfit_factor},
           {"flange", flange},
           {"parameters", parameters},
-          {"not_compared", comparison.not_compared}};
+          {"unseen_zeros", comparison.unseen_zeros},
+          {"not_compared", comparison.not_compared},
+          {"same_measurements", comparison.same_measurements}};
 }
 
 std::string verdict(const Comparison& comparison) {
@@ -66,26 +70,52 @@ std::string verdict(const Comparison& comparison) {
                                         : "no change found";
 }
 
-// The geometric errors whose change exceeds its sigma most.
+// Unit and decimals in which a parameter is printed.
+std::pair<double, int> scale_of(const ParameterChange& parameter) {
+  return parameter.unit == "m" ? std::pair(1e3, 4) : std::pair(1.0 / kDegree, 5);
+}
+
+bool is_printed_as_zero(const ParameterChange& parameter) {
+  const auto [unit, decimals] = scale_of(parameter);
+  return std::abs(parameter.change) * unit < 0.5 * std::pow(10.0, -decimals);
+}
+
+// The geometric errors whose change exceeds its sigma most; none that did not change.
 std::string changes(const Comparison& comparison) {
   constexpr std::size_t kShown = 8;
   std::vector<ParameterChange> order;
-  std::copy_if(comparison.parameters.begin(), comparison.parameters.end(), std::back_inserter(order), is_geometric);
+  std::copy_if(comparison.parameters.begin(), comparison.parameters.end(), std::back_inserter(order),
+               [](const auto& parameter) { return is_geometric(parameter) && !is_printed_as_zero(parameter); });
+  if (order.empty()) {
+    return {};
+  }
   const auto excess = [](const ParameterChange& parameter) { return std::abs(parameter.change) / parameter.std; };
   std::sort(order.begin(), order.end(), [&](const auto& a, const auto& b) { return excess(a) > excess(b); });
   order.resize(std::min(order.size(), kShown));
   std::string text = "largest changes by their 1 sigma   before      change       sigma  explains alone\n";
   for (const ParameterChange& parameter : order) {
-    const bool length = parameter.unit == "m";
-    const double unit = length ? 1e3 : 1.0 / kDegree;
+    const auto [unit, decimals] = scale_of(parameter);
     text += padded("  " + parameter.name + (parameter.joint.empty() ? "" : ", " + parameter.joint), 24) +
-            (length ? " mm " : " deg");
+            (parameter.unit == "m" ? " mm " : " deg");
     for (const double value : {parameter.before, parameter.change, parameter.std}) {
-      text += fmt::format("{:>12}", fixed(value * unit, length ? 4 : 5));
+      text += fmt::format("{:>12}", fixed(value * unit, decimals));
     }
     text += fmt::format("{:>14.0f} %\n", parameter.explained * 100.0);
   }
   return text;
+}
+
+// "ripple.2.*" for ripple.2.sin20.55 and so on, each once.
+std::vector<std::string> patterns_of(const std::vector<std::string>& names) {
+  std::vector<std::string> result;
+  for (const std::string& name : names) {
+    const std::size_t end = name.find('.', name.find('.') + 1);
+    const std::string pattern = end == std::string::npos ? name : name.substr(0, end) + ".*";
+    if (std::find(result.begin(), result.end(), pattern) == result.end()) {
+      result.push_back(pattern);
+    }
+  }
+  return result;
 }
 
 std::string table(const Comparison& comparison) {
@@ -95,9 +125,16 @@ std::string table(const Comparison& comparison) {
           statistics_row("base and tool aligned", comparison.flange);
   text += fmt::format("of an unchanged robot: {:.3f} mm rms\n", comparison.flange_sigma * 1e3);
   text += changes(comparison);
+  if (!comparison.unseen_zeros.empty()) {
+    text += wrapped("a changed zero does not show in " + comma_separated(comparison.unseen_zeros) +
+                        ": a moved base or tool would look the same; calibrate both times with the same --known-base "
+                        "and --known-targets",
+                    0, 2);
+  }
   if (!comparison.not_compared.empty()) {
-    text +=
-        wrapped("not compared, as only one of the results has them: " + comma_separated(comparison.not_compared), 0, 2);
+    text += wrapped(
+        "not compared, as only one of the results has them: " + comma_separated(patterns_of(comparison.not_compared)),
+        0, 2);
   }
   return text;
 }
@@ -118,6 +155,9 @@ ExitStatus run(const CompareArguments& arguments) {
         {{"requirements", judged_json(outcomes)}});
   }
   write_whole(files, arguments.force, arguments.json ? json_text(result) : table(comparison) + outcome_lines(outcomes));
+  if (comparison.same_measurements) {
+    warn("both results are of the same measurements, which cannot show whether the robot has changed");
+  }
   const std::vector<std::string> missed = unfulfilled(outcomes);
   std::for_each(missed.begin(), missed.end(), print_requirement);
   return missed.empty() ? done : not_to_be_trusted;

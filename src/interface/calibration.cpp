@@ -63,6 +63,7 @@ CalibrationParts summary_of(const CalibrationResult& result) {
   summary.warnings = diagnosis.warnings;
   summary.accuracy = result.accuracy;
   summary.parameters = result.uncertainty.parameters;
+  summary.shifts = result.uncertainty.shifts;
   summary.continues_earlier = result.selection.continued.has_value();
   summary.urdf_errors = result.exported.estimate.errors;
   if (result.exported.nominal_kept) {

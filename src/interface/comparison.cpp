@@ -93,6 +93,11 @@ struct JoinedModel {
     for (const Unknowns* unknowns : {&before.free, &before.candidates, &after.free, &after.candidates}) {
       all.insert(unknowns->geometric().begin(), unknowns->geometric().end());
     }
+    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+      if (model.parameters[i].kind == ParameterKind::joint_offset) {
+        all.insert(i);
+      }
+    }
     geometric.assign(all.begin(), all.end());
   }
 
@@ -172,14 +177,10 @@ struct Side {
     return result;
   }
 
-  // Mean of 1 / degrees of freedom of its uncertainties.
-  double inverse_freedom() const {
-    double sum = 0.0;
-    for (const ParameterEstimate& parameter : parts.parameters) {
-      const bool is_estimated = arm.column(parameter.name).has_value();
-      sum += is_estimated ? 1.0 / std::max(parameter.degrees_of_freedom, 1.0) : 0.0;
-    }
-    return sum / static_cast<double>(arm.size());
+  // Shifts of its estimate, independent of each other. Their outer products add up to its covariance.
+  MatrixXd shifts() const {
+    const Index first = parts.free.range(UnknownGroup::geometric).first;
+    return parts.shifts.size() > 0 ? MatrixXd(parts.shifts.middleRows(first, arm.size())) : sqrt_covariance();
   }
 };
 
@@ -228,17 +229,36 @@ struct OpenDirections {
   }
 };
 
-// Positions of the points on the flange, rows by configuration and point, with the motions of base and tool removed.
+// Whether both results held the base, or the targets, where it stood. Else it may have moved between them.
+bool holds_same_base(const CalibrationParts& before, const CalibrationParts& after) {
+  return before.free.range(UnknownGroup::base).empty() && after.free.range(UnknownGroup::base).empty() &&
+         before.estimate.frames.base().isApprox(after.estimate.frames.base(), kNothing);
+}
+
+bool holds_same_targets(const CalibrationParts& before, const CalibrationParts& after) {
+  const std::vector<TargetFrame>& others = after.estimate.frames.targets;
+  return before.free.range(UnknownGroup::targets).empty() && after.free.range(UnknownGroup::targets).empty() &&
+         std::all_of(others.begin(), others.end(), [&](const TargetFrame& other) {
+           const TargetFrame* same = find_target(before.estimate.frames.targets, other.name);
+           return same != nullptr && same->X_FT.isApprox(other.X_FT, kNothing);
+         });
+}
+
+// Positions of the points on the flange, rows by configuration and point, with the motions of base and tool removed
+// where these may have moved.
 struct Differences {
   MatrixXd J;  // derivatives by the columns of the joined model
-  MatrixXd F;  // square root of the covariance of d: the part of the first result, then that of the second
+  MatrixXd F;  // square root of the covariance of d for white noise: the part of the first result, then of the second
+  MatrixXd S;  // shifts of d by groups of configurations of both
   VectorXd d;
 
   Differences(const JoinedModel& joined, const Side& first, const Side& second) {
     const std::vector<TargetFrame> points = flange_points();
     const MatrixXd D = joined.derivatives(points);
-    MatrixXd frames(D.rows(), D.cols() - joined.size());
-    frames << D.leftCols(kBase), D.rightCols(frames.cols() - kBase);
+    const Index base = holds_same_base(first.parts, second.parts) ? 0 : kBase;
+    const Index tool = holds_same_targets(first.parts, second.parts) ? 0 : D.cols() - kBase - joined.size();
+    MatrixXd frames(D.rows(), base + tool);
+    frames << D.leftCols(base), D.rightCols(tool);
     MatrixXd all(D.rows(), joined.size() + 1);
     all << D.middleCols(kBase, joined.size()),
         second.positions(points, joined.joint_values) - first.positions(points, joined.joint_values);
@@ -248,48 +268,56 @@ struct Differences {
     F.resize(J.rows(), first.arm.size() + second.arm.size());
     F << J(Eigen::all, first.columns) * first.sqrt_covariance(),
         J(Eigen::all, second.columns) * second.sqrt_covariance();
+    const MatrixXd before = first.shifts();
+    const MatrixXd after = second.shifts();
+    S.resize(J.rows(), before.cols() + after.cols());
+    S << J(Eigen::all, first.columns) * before, J(Eigen::all, second.columns) * after;
   }
 
   static std::vector<TargetFrame> flange_points() { return as_points({{.name = "flange", .with_orientation = true}}); }
 };
 
-// W with W F F^T W^T = I on the span of F. `size`: squared norm beside which rounding is judged.
+// W with W F F^T W^T = I on the span of F, without directions that hardly move the flange: with hundreds of effects
+// some are certain to a micrometre, and there the choice of the effects differs by more. `size`: squared norm of all.
 MatrixXd whitening(const MatrixXd& F, double size) {
+  constexpr double kHardly = 1e-2;
   const auto [values, vectors] = spectrum(F.transpose() * F);
-  const Index rank = (values.array() > kNothing * kNothing * size).count();
+  const Index rank = (values.array() > kHardly * kHardly * size).count();
   if (rank == 0) {
     refuse_input("the calibrations determine nothing in common", "measurements of the same joints");
   }
   return values.tail(rank).cwiseInverse().asDiagonal() * (F * vectors.rightCols(rank)).transpose();
 }
 
-// d = change + J1 e1 - J2 e2 has the covariance S = F F^T with F = [J1 C1^(1/2), J2 C2^(1/2)], and chi^2 = d^T S^+ d.
-// For the same parameters this is Delta^T (C1 + C2)^-1 Delta. Both covariances contain an estimated noise, so chi^2 / k
-// is about F with k and nu degrees of freedom; 1 / nu = sum w_i^2 / nu_i with the shares w_i of S (Satterthwaite 1946).
-void test(const Differences& found, const OpenDirections& open, const Side& first, const Side& second,
-          Comparison& result) {
-  const MatrixXd F = without(open.columns, found.F);
-  const MatrixXd W = whitening(F, found.F.squaredNorm());
-  const VectorXd z = W * found.d;
+// d = change + J1 e1 - J2 e2 has the covariance F F^T with F = [J1 C1^(1/2), J2 C2^(1/2)] if the misfit is white noise,
+// and chi^2 = d^T (F F^T)^+ d = z^T z with z = W d. For the same parameters this is Delta^T (C1 + C2)^-1 Delta. But a
+// misfit is a function of the joint values, so z has the covariance V = sum u u^T of independent shifts u = W S of
+// whole configurations. Then z^T z / tr V is about F with h = (tr V)^2 / tr V^2 and nu degrees of freedom (Box 1954).
+// The pairs of different shifts estimate tr V^2 without bias, and nu = 2 (tr V)^2 / sum (u^T u)^2.
+void test(const VectorXd& z, const MatrixXd& U, Comparison& result) {
+  const MatrixXd products = U.transpose() * U;
   const auto k = static_cast<double>(z.size());
-  const double share = (W * F.leftCols(first.arm.size())).squaredNorm() / k;
+  const double trace = std::max(products.trace(), kNothing * k);  // of exact measurements 0
+  const double square = trace * trace;
+  const double of_single = std::max(products.diagonal().squaredNorm(), kNothing * square);
+  const double h = square / std::max(products.squaredNorm() - of_single, square / k);
   result.chi_square = z.squaredNorm();
   result.degrees_of_freedom = k;
-  result.noise_degrees_of_freedom =
-      1.0 / (share * share * first.inverse_freedom() + (1.0 - share) * (1.0 - share) * second.inverse_freedom());
-  result.p_value = f_upper_tail(result.chi_square / k, k, result.noise_degrees_of_freedom);
-  for (std::size_t i = 0; i < result.parameters.size(); ++i) {
-    const VectorXd alone = W * found.J.col(first.columns[i]);
-    result.parameters[i].explained = std::pow(alone.normalized().dot(z.normalized()), 2);
-  }
+  result.misfit_factor = trace / k;
+  result.noise_degrees_of_freedom = 2.0 * square / of_single;
+  result.p_value = f_upper_tail(result.chi_square / trace, h, result.noise_degrees_of_freedom);
 }
 
-// The changes of the first result's parameters that fit the differences best.
-std::vector<ParameterChange> parameter_changes(const Differences& found, const Side& first) {
-  MatrixXd right(found.d.size(), found.F.cols() + 1);
-  right << found.d, found.F;
-  const MatrixXd J = found.J(Eigen::all, first.columns);
-  const MatrixXd changes = shortest_solution(J, right);
+// The changes of the first result's parameters that fit z best, the smallest in units of their covariance L L^T.
+std::vector<ParameterChange> parameter_changes(const Side& first, const MatrixXd& J, const VectorXd& z,
+                                               double misfit_factor) {
+  constexpr double kVisible = 1e-3;  // share of the covariance's root
+  const MatrixXd L = first.sqrt_covariance();
+  const auto [squares, axes] = spectrum((J * L).transpose() * (J * L));
+  const Index seen = (squares.array() > kVisible * kVisible).count();
+  const MatrixXd inverse = L * axes.rightCols(seen) * squares.tail(seen).cwiseInverse().asDiagonal() *
+                           (J * L * axes.rightCols(seen)).transpose();
+  const VectorXd changes = inverse * z;
   std::vector<ParameterChange> result;
   for (Index i = 0; i < J.cols(); ++i) {
     const Unknown& unknown = first.arm.columns()[static_cast<std::size_t>(i)];
@@ -300,8 +328,23 @@ std::vector<ParameterChange> parameter_changes(const Differences& found, const S
                               : unknown.length ? "m"
                                                : "rad",
                       .before = Unknowns::value(first.parts.estimate, unknown),
-                      .change = changes(i, 0),
-                      .std = changes.row(i).tail(found.F.cols()).norm()});
+                      .change = changes[i],
+                      .std = inverse.row(i).norm() * std::sqrt(misfit_factor),
+                      .explained = std::pow(J.col(i).normalized().dot(z.normalized()), 2)});
+  }
+  return result;
+}
+
+// Zeros of joints that may change without a difference: of the first joint if the base is free, of the last one if the
+// targets are.
+std::vector<std::string> unseen_zeros(const JoinedModel& joined, const MatrixXd& J) {
+  constexpr double kSeen = 100.0;  // sigma for 1 rad or 1 m
+  std::vector<std::string> result;
+  for (std::size_t i = 0; i < joined.geometric.size(); ++i) {
+    const ErrorParameter& parameter = joined.model.parameters[joined.geometric[i]];
+    if (parameter.kind == ParameterKind::joint_offset && J.col(static_cast<Index>(i)).norm() < kSeen) {
+      result.push_back(parameter.joint);
+    }
   }
   return result;
 }
@@ -316,8 +359,10 @@ void add_flange(const Differences& found, Comparison& result) {
     variance += found.F.middleRows<3>(row).squaredNorm();
   }
   result.flange = error_statistics(distances);
-  result.flange_sigma = std::sqrt(variance / static_cast<double>(distances.size()));
+  result.flange_sigma = std::sqrt(result.misfit_factor * variance / static_cast<double>(distances.size()));
 }
+
+bool is_same(const std::string& hash, const std::string& other) { return !hash.empty() && hash == other; }
 
 void require_comparable(const Calibration& calibration, const std::string& which) {
   if (!calibration.trusted()) {
@@ -348,8 +393,13 @@ Comparison compare(const Calibration& before, const Calibration& after) {
   OpenDirections open;
   open.add(joined, found.J, first, second);
   open.add(joined, found.J, second, first);
-  Comparison result{.parameters = parameter_changes(found, first), .not_compared = open.names};
-  test(found, open, first, second, result);
+  const MatrixXd W = whitening(without(open.columns, found.F), found.F.squaredNorm());
+  const VectorXd z = W * found.d;
+  const MatrixXd J = W * found.J;
+  Comparison result{.unseen_zeros = unseen_zeros(joined, J), .not_compared = open.names};
+  result.same_measurements = is_same(before.parts().measurements, after.parts().measurements);
+  test(z, W * found.S, result);
+  result.parameters = parameter_changes(first, J(Eigen::all, first.columns), z, result.misfit_factor);
   add_flange(found, result);
   return result;
 }

@@ -86,7 +86,11 @@ Json covariance_json(const CalibrationResult& calibration) {
     row.erase(row.begin() + static_cast<std::ptrdiff_t>(rows.size()), row.end());
     lower.push_back(row);
   }
-  return {{"names", names}, {"lower_triangle", lower}, {"matrix", rows}};
+  Json shifts = Json::array();
+  for (const auto& shift : calibration.uncertainty.shifts.colwise()) {
+    shifts.push_back(std::vector<double>(shift.begin(), shift.end()));
+  }
+  return {{"names", names}, {"lower_triangle", lower}, {"matrix", rows}, {"shifts", shifts}};
 }
 
 Json residuals_json(const Measurements& measurements, const CalibrationResult& calibration) {

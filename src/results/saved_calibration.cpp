@@ -130,6 +130,17 @@ void require_correlations(const Eigen::MatrixXd& covariance, const std::vector<N
   }
 }
 
+// A list of that many numbers.
+Eigen::VectorXd numbers_of(const Node& list, std::size_t count) {
+  const std::vector<Node> numbers = elements(list);
+  if (numbers.size() != count) {
+    fail(list, "a number for each name");
+  }
+  Eigen::VectorXd result(static_cast<Eigen::Index>(count));
+  std::transform(numbers.begin(), numbers.end(), result.begin(), [](const Node& node) { return number(node); });
+  return result;
+}
+
 // {"names": […], "matrix": [[…], …]}; null is an infinite variance. Files of version 0.1 hold the lower triangle.
 void read_covariance(const Node& block, CalibrationParts& saved) {
   std::vector<std::string> names;
@@ -167,6 +178,11 @@ void read_covariance(const Node& block, CalibrationParts& saved) {
     }
   }
   require_correlations(saved.covariance, rows);
+  const std::vector<Node> shifts = optional_elements(block, "shifts");
+  saved.shifts.resize(size, static_cast<Eigen::Index>(shifts.size()));
+  for (std::size_t i = 0; i < shifts.size(); ++i) {
+    saved.shifts.col(static_cast<Eigen::Index>(i)) = numbers_of(shifts[i], names.size());
+  }
 }
 
 Doubt doubt_of(const Node& node) {
@@ -293,13 +309,7 @@ void read_prediction(const Node& top, CalibrationParts& saved) {
     const std::vector<Node> directions = elements(member(undetermined, "directions"));
     saved.undetermined.resize(saved.candidates.size(), static_cast<Eigen::Index>(directions.size()));
     for (std::size_t d = 0; d < directions.size(); ++d) {
-      const std::vector<Node> numbers = elements(directions[d]);
-      if (numbers.size() != names.size()) {
-        fail(directions[d], "a number for each name");
-      }
-      for (std::size_t i = 0; i < numbers.size(); ++i) {
-        saved.undetermined(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(d)) = number(numbers[i]);
-      }
+      saved.undetermined.col(static_cast<Eigen::Index>(d)) = numbers_of(directions[d], names.size());
     }
   }
 }
@@ -369,6 +379,18 @@ Accuracy accuracy_of(const Node& top) {
   return result;
 }
 
+// Hash of the file of measurements; empty if the result does not state it.
+std::string measurements_hash(const Node& top) {
+  if (has(top, "provenance")) {
+    for (const Node& file : optional_elements(member(top, "provenance"), "files_read")) {
+      if (tree::name(member(file, "role")) == "measurements") {
+        return tree::name(member(file, "sha256"));
+      }
+    }
+  }
+  return {};
+}
+
 // Of named stations; "base" is that of the first.
 void read_stations(const Node& top, CalibrationParts& saved) {
   if (!has(top, "stations")) {
@@ -415,6 +437,7 @@ CalibrationParts parse_calibration(std::string_view json, const Robot& robot, co
   read_estimates(top, effects_freedom, saved);
   read_prediction(top, saved);
   saved.accuracy = accuracy_of(top);
+  saved.measurements = measurements_hash(top);
   saved.continues_earlier = has(top, "prior_result") && !member(top, "prior_result").json.is_null();
   return saved;
 }

@@ -22,10 +22,11 @@ struct CalibrationParts : PredictionBasis {
   std::vector<std::string> warnings;
   Accuracy accuracy;
   std::vector<ParameterEstimate> parameters;
-  Eigen::VectorXd urdf_errors;                      ///< of the exported URDF
-  bool continues_earlier = false;                   ///< whether an earlier result was its prior
-  std::string robot;                                ///< hash_of
-  std::string measurements;                         ///< hash_of; empty if it was read from a file
+  Eigen::MatrixXd shifts;          ///< see Uncertainty; empty: unknown
+  Eigen::VectorXd urdf_errors;     ///< of the exported URDF
+  bool continues_earlier = false;  ///< whether an earlier result was its prior
+  std::string robot;               ///< hash_of
+  std::string measurements;        ///< hash_of; of the file of measurements if this was read from a file
   std::shared_ptr<const CalibrationResult> fitted;  ///< null if it was read from a file
 };
 

@@ -68,6 +68,15 @@ void add(const ConfigurationSystem& system, std::int32_t configuration, Configur
   totals.points += static_cast<double>(system.targets.size());
 }
 
+// See ConfigurationInfluence::shift.
+VectorXd shift(const ConfigurationSystem& system, const MatrixXd& R) {
+  const Index m = system.e.size();
+  const auto [left, axes] = spectrum(MatrixXd::Identity(m, m) - system.B * system.B.transpose());
+  const Eigen::ArrayXd e = axes.transpose() * system.e;
+  const VectorXd whole = axes * (left.array() > kSingular).select(e / left.array().max(kSingular).sqrt(), 0.0).matrix();
+  return R.triangularView<Eigen::Upper>().solve(system.B.transpose() * whole);
+}
+
 // Divides Cook's distances by p s^2 and marks large values.
 void judge(const Totals& totals, Influence& result) {
   const double freedom = totals.coordinates - totals.decided;
@@ -122,6 +131,7 @@ Influence influence(const LeastSquaresProblem& problem, const Measurements& meas
       together = systems.of(rows);
     }
     add(together[place], configurations[c].first, result.configurations.emplace_back(), totals);
+    result.configurations.back().shift = shift(together[place], R);
   }
   judge(totals, result);
   return result;

@@ -36,6 +36,10 @@ struct ConfigurationInfluence {
   bool high_leverage = false;
   bool influential = false;
   std::vector<PointInfluence> points;
+  /// How far its residuals move the estimate, in the order of the unknowns. They are divided by the root of what the
+  /// fit leaves of them (CR2, Bell and McCaffrey 2002). So the outer products of all add up to the covariance of the
+  /// estimate without bias if the noise is white, and hold for a misfit that is not.
+  Eigen::VectorXd shift;
 };
 struct Influence {
   std::vector<ConfigurationInfluence> configurations;  ///< the training ones, in their order

@@ -20,6 +20,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 class Compare : public CommandLine {
 protected:
@@ -77,6 +78,10 @@ TEST_F(Compare, SaysWhatTheLibraryFinds) {
   const Outcome same = run({"compare", "a.json", "a.json", "--require", "p_value>=0.001"});
   EXPECT_EQ(same.status, 0) << same.err;
   EXPECT_THAT(same.out, HasSubstr("no change found (p = 1;"));
+  EXPECT_THAT(same.out, Not(HasSubstr("largest changes")));
+  EXPECT_THAT(same.out, HasSubstr("a changed zero does not show in joint_1, joint_6"));
+  EXPECT_THAT(same.err, HasSubstr("both results are of the same measurements"));
+  EXPECT_EQ(outcome.err, "");
 }
 
 TEST_F(Compare, APriorResultIsContinuedAndNotComparedAgain) {

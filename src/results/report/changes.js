@@ -10,6 +10,8 @@ function comparisonVerdict() {
     el("div", { class: "tiles" },
       tile("Change of the flange, RMS", RESULT.flange.rms, [["of an unchanged robot", RESULT.flange.sigma]], `at ${plural(RESULT.flange.count, "pose")} that both measured, base and tool aligned`),
       tile("Change of the flange, maximum", RESULT.flange.max, [], "")),
+    RESULT.same_measurements ? note("Both results are of the same measurements, which cannot show whether the robot has changed.") : null,
+    RESULT.unseen_zeros.length ? note("A changed zero does not show in: " + RESULT.unseen_zeros.join(", ") + ". A moved base or tool would look the same.") : null,
     RESULT.not_compared.length ? note("Not compared, as only one of the results determines them: " + RESULT.not_compared.join(", ") + ".") : null,
   ];
 }
