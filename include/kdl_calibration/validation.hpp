@@ -38,6 +38,11 @@ struct PositionErrors {
   int unknowns = 0;     ///< of the registration; `coordinates` minus `unknowns` are the degrees of freedom
   /// [m] RMS of the registered points, corrected for the unknowns: times sqrt(coordinates / degrees of freedom).
   double rms_corrected = 0.0;
+  /// The upper 95 % limit of the true errors is so many times the errors of the registered rows, and of test rows that
+  /// only were predicted. Few configurations show little: the targets of one share its error. Infinite if base and
+  /// targets may hide all.
+  double upper_95_factor = 1.0;
+  double upper_95_factor_of_test = 1.0;
   std::vector<std::string> warnings;
   /// Why the figures are not to be trusted: another reading of the data fits much better, or geometric errors cannot
   /// explain the misfit. Other readings are not tried for several stations and single coordinates.

@@ -87,7 +87,7 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "upper",       "withheld",    "add",           "position_nominal",
                                            "valid_range", "joints",      "of_parameters", "expanded",
                                            "of_point",    "of_repeat",   "of_misfit",     "add_if_only_these",
-                                           "change"};
+                                           "change",      "rms_upper_95"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",

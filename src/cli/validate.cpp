@@ -1,6 +1,8 @@
 #include <fmt/core.h>
 #include <algorithm>
+#include <cmath>
 #include <memory>
+#include <string_view>
 #include <utility>
 
 #include "base/number_text.hpp"
@@ -43,22 +45,31 @@ struct ValidateArguments {
   bool json = false;
 };
 
-std::string json(const PositionErrors& errors, const Measurements& measurements) {
+// The upper 95 % limit of an error of `name` rows ("all", "train", "test") is so many times the error.
+double upper_95_factor(const PositionErrors& errors, std::string_view name) {
+  return name == "test" ? errors.upper_95_factor_of_test : errors.upper_95_factor;
+}
+
+Json json(const PositionErrors& errors, const Measurements& measurements) {
   Json targets = Json::array();
   for (const TargetFrame& target : errors.frames.targets) {
     targets.push_back(target_json(target));
   }
-  const auto with_means = [](const ErrorStatistics& points, const std::optional<ErrorStatistics>& means) {
+  const auto with_means = [&](const char* name, const ErrorStatistics& points,
+                              const std::optional<ErrorStatistics>& means) {
     Json block = statistics_json(points);
+    if (block.is_object()) {
+      block["rms_upper_95"] = finite_or_null(points.rms * upper_95_factor(errors, name));
+    }
     if (means) {
       block["means"] = statistics_json(*means);
     }
     return block;
   };
   Json result = {{"position_error",
-                  {{"all", with_means(errors.all, errors.all_means)},
-                   {"train", with_means(errors.train, errors.train_means)},
-                   {"test", with_means(errors.test, errors.test_means)}}},
+                  {{"all", with_means("all", errors.all, errors.all_means)},
+                   {"train", with_means("train", errors.train, errors.train_means)},
+                   {"test", with_means("test", errors.test, errors.test_means)}}},
                  {"iso_9283",
                   {{"accuracy", statistics_json(errors.iso_9283.accuracy)},
                    {"repeatability", statistics_json(errors.iso_9283.repeatability)}}},
@@ -71,7 +82,27 @@ std::string json(const PositionErrors& errors, const Measurements& measurements)
     result["stations"].push_back({{"name", measurements.stations[s]}});
     result["stations"].back().update(frame_json(errors.frames.base(s)));
   }
-  return json_text(result);
+  return result;
+}
+
+// The same with upper 95 % limits instead of errors: a requirement is met if the true errors are below it.
+Json with_limits(const PositionErrors& errors, Json result) {
+  for (auto& [name, block] : result["position_error"].items()) {
+    const double factor = upper_95_factor(errors, name);
+    const auto enlarge = [&](Json& statistics) {
+      for (const char* key : {"mean", "rms", "p95", "max"}) {
+        statistics[key] = finite_or_null(statistics[key].get<double>() * factor);
+      }
+    };
+    if (block.is_object()) {
+      enlarge(block);
+      if (block.contains("means")) {
+        enlarge(block["means"]);
+      }
+    }
+  }
+  result["rms_corrected"] = result["position_error"][result["registered_to"].get<std::string>()]["rms"];
+  return result;
 }
 
 std::string line(const std::string& label, const ErrorStatistics& statistics) {
@@ -102,6 +133,9 @@ std::string table(const ValidateArguments& arguments, const Measurements& measur
     text += fmt::format("{} took {} of {} coordinates: corrected rms {:.3f} mm\n", errors.registered, errors.unknowns,
                         errors.coordinates, errors.rms_corrected * 1e3);
   }
+  text += std::isfinite(errors.upper_95_factor)
+              ? fmt::format("true errors are with 95 % at most {:.3g} times as large\n", errors.upper_95_factor)
+              : "so few configurations do not limit the true errors: base and targets may hide them\n";
   for (std::size_t s = 0; s < errors.frames.bases.size(); ++s) {
     text += point(errors.frames.bases.size() == 1 ? "base, measured [mm]" : "base from " + measurements.stations[s],
                   errors.frames.base(s).translation());
@@ -209,14 +243,14 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   for (const Doubt& doubt : errors.doubts) {
     doubts.push_back(doubt.message);
   }
-  const std::string result = json(errors, measurements);
-  const std::vector<Judged> outcomes = outcomes_of(requirements, json_of(result, "the result"));
+  const Json result = json(errors, measurements);
+  const std::vector<Judged> outcomes = outcomes_of(requirements, with_limits(errors, result));
   const std::vector<std::string> missed = unfulfilled(outcomes);
   for (OutputFile& file : files) {
     const ErrorModel model = at_stations_of(measurements, arm->model);
     const Estimate estimate{.errors = arm->estimate.errors, .frames = errors.frames, .effects = arm->estimate.effects};
     file.text =
-        validation_page({.result = with_provenance(arguments, robot, measurements, json_of(result, "the result")),
+        validation_page({.result = with_provenance(arguments, robot, measurements, result),
                          .robot = robot,
                          .reported = {.model = model,
                                       .estimate = estimate,
@@ -226,8 +260,9 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
                          .requirements = judged_json(outcomes),
                          .doubts = doubts});
   }
-  write_whole(files, arguments.force,
-              arguments.json ? result : table(arguments, measurements, robot, errors) + outcome_lines(outcomes));
+  write_whole(
+      files, arguments.force,
+      arguments.json ? json_text(result) : table(arguments, measurements, robot, errors) + outcome_lines(outcomes));
   for (const std::vector<std::string>& messages : {errors.warnings, doubts}) {
     for (const std::string& message : messages) {
       warn(message);

@@ -87,7 +87,9 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
                         .registered = registered(known, registration.frames),
                         .coordinates = found.freedom.coordinates,
                         .unknowns = found.freedom.spent(),
-                        .rms_corrected = registration.rms * found.freedom.correction()};
+                        .rms_corrected = registration.rms * found.freedom.correction(),
+                        .upper_95_factor = found.freedom.upper_95(),
+                        .upper_95_factor_of_test = found.of_test.upper_95()};
   errors.warnings = warnings_of(measurements, registration, errors);
   if (diagnosis.try_readings) {
     const Estimate estimate{

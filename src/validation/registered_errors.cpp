@@ -3,10 +3,12 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
 #include <string>
 #include <utility>
 
+#include "base/distributions.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
@@ -29,10 +31,25 @@ Freedom freedom_of(const Measurements& training, const KnownFrames& known, const
     }
   }
   const auto unknown_targets = static_cast<int>(targets.size()) - static_cast<int>(known.targets.size());
-  return {.unknowns = 6 * static_cast<int>(stations.size()) + 3 * std::max(unknown_targets, 0),
+  const int of_bases = 6 * static_cast<int>(stations.size());
+  const int coordinates = dimension(averaged(training));
+  return {.unknowns = of_bases + 3 * std::max(unknown_targets, 0),
           .open = registration.open,
-          .coordinates = dimension(averaged(training)),
-          .configurations = static_cast<int>(configurations.size())};
+          .coordinates = coordinates,
+          .configurations = static_cast<int>(configurations.size()),
+          .points = std::min(coordinates, 3 * static_cast<int>(configurations.size())),
+          .of_points = of_bases + (unknown_targets > 0 ? 3 : 0)};
+}
+
+// Nothing is fitted to the test rows beside training rows.
+Freedom freedom_of_test(const Measurements& measurements) {
+  const Measurements test =
+      subset(measurements, [](const Observation& observation) { return observation.split == Split::test; });
+  std::set<int> configurations;
+  for (const Observation& observation : test.observations) {
+    configurations.insert(observation.configuration);
+  }
+  return {.points = std::min(dimension(averaged(test)), 3 * static_cast<int>(configurations.size()))};
 }
 
 void require_freedom(const Freedom& freedom, const std::string& source) {
@@ -49,6 +66,13 @@ void require_freedom(const Freedom& freedom, const std::string& source) {
 }  // namespace
 
 double Freedom::correction() const { return std::sqrt(static_cast<double>(coordinates) / left()); }
+
+// With f degrees of freedom, points * rms^2 / true^2 is about chi-squared.
+double Freedom::upper_95() const {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const int freedom = points - std::max(of_points - open, 0);
+  return freedom > 0 ? std::sqrt(points / (freedom * f_critical(0.95, freedom, kInfinity))) : kInfinity;
+}
 
 bool has_only_test_rows(const Measurements& measurements) {
   return std::all_of(measurements.observations.begin(), measurements.observations.end(),
@@ -70,6 +94,7 @@ RegisteredErrors registered_errors(const std::vector<Eigen::Isometry3d>& X_BF, c
   RegisteredErrors result{.registration = register_base_and_targets(X_BF, to_register, {.known = known})};
   result.freedom = freedom_of(*TrainingRows(to_register), known, result.registration);
   require_freedom(result.freedom, measurements.source);
+  result.of_test = has_only_test_rows(measurements) ? result.freedom : freedom_of_test(measurements);
   const Estimate placed{.errors = {}, .frames = result.registration.frames, .effects = {}};
   const auto statistics = [&](Rows rows) {
     return error_statistics(position_errors(X_BF, placed, measurements, rows));

@@ -17,11 +17,16 @@ struct Freedom {
   int open = 0;         ///< unknowns that the measurements do not determine
   int coordinates = 0;  ///< coordinates of distinct points
   int configurations = 0;
+  int points = 0;     ///< coordinates of one point for each configuration: its targets share the error of the arm
+  int of_points = 0;  ///< unknowns of these: bases, and one target if any is unknown
 
   int spent() const { return unknowns - open; }
   int left() const { return coordinates - spent(); }
   /// Factor on the RMS of the registered points that corrects for the degrees of freedom used by base and targets.
   double correction() const;
+  /// The upper 95 % limit of the true RMS is so many times that of the registered points. Infinite without degrees of
+  /// freedom.
+  double upper_95() const;
 };
 
 struct RegisteredErrors {
@@ -35,6 +40,7 @@ struct RegisteredErrors {
   Iso9283 iso;  ///< over all rows
   Registration registration;
   Freedom freedom;
+  Freedom of_test;  ///< of the test rows, if others were registered
 };
 
 /// Whether there are only test rows, to which base and targets are then registered.

@@ -218,8 +218,9 @@ TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
                 "rows [mm] rms mean p95 max points", row("all"), row("train"), row("test"),
                 "base and targets took 15 of 108 coordinates: corrected rms " +
                     decimals(found["rms_corrected"].get<double>() * 1e3, 3) + " mm",
-                place("base, measured [mm]", found["base"]), place("target A", found["targets"][0]),
-                place("target B", found["targets"][1]), place("target C", found["targets"][2])},
+                "true errors are with 95 % at most 1.49 times as large", place("base, measured [mm]", found["base"]),
+                place("target A", found["targets"][0]), place("target B", found["targets"][1]),
+                place("target C", found["targets"][2])},
                "validate");
   const std::vector<std::string> lines = testing::lines_of(table);
   for (std::size_t i = 2; i < 5; ++i) {
@@ -229,6 +230,14 @@ TEST_F(OptionsOfKdlcal, ValidateShowsEachStatisticInMillimetres) {
   EXPECT_EQ(found["degrees_of_freedom"], 93);
   EXPECT_NEAR(found["rms_corrected"].get<double>(),
               found["position_error"]["train"]["rms"].get<double>() * std::sqrt(108.0 / 93.0), 1e-12);
+  // Of 12 configurations 36 coordinates, of which base and tool take 9: the lower 5 % quantile of chi-squared with 27
+  // degrees of freedom is 16.151 (a table).
+  const double limit = found["position_error"]["train"]["rms_upper_95"].get<double>();
+  EXPECT_NEAR(limit, found["position_error"]["train"]["rms"].get<double>() * std::sqrt(36.0 / 16.151), 1e-4 * limit);
+  EXPECT_EQ(run(command + Words{"--require", "train.rms<=" + std::to_string(limit * 1.001e3) + "mm"}).status, 0);
+  const Outcome missed = run(command + Words{"--require", "train.rms<=" + std::to_string(limit * 0.999e3) + "mm"});
+  EXPECT_EQ(missed.status, 1);
+  EXPECT_THAT(missed.out, HasSubstr("NOT met"));
 }
 
 TEST_F(OptionsOfKdlcal, ValidateComparesTheArmsThatTouchedAPlateAtSeveralPlaces) {

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <iostream>
 #include <iterator>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -22,6 +23,7 @@
 #include "kdl_calibration/kdl_calibration.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::interface_test {
 namespace {
@@ -183,6 +185,27 @@ TEST(Interface, ValidatesWithAndWithoutTheErrors) {
   EXPECT_LT(calibrated, 6e-5);
   const Robot corrected = parse_robot(calibrated_urdf(fanuc(), found()));
   EXPECT_NEAR(validate(corrected, experiment().measurements).all.rms, calibrated, 1e-6);
+}
+
+// The nominal arm against robots whose true error 200 configurations show. Of three configurations base and targets
+// hide all: their corrected rms is a twentieth of the true one on average.
+TEST(Interface, ValidationLimitsTheTrueErrorByFewConfigurations) {
+  constexpr int kRobots = 60;
+  testing::VirtualExperiment robots;
+  const auto validated = [&](int count) {
+    return validate(fanuc(), robots.measure(count, {.sigma = 3e-5}), {}, {.try_readings = false});
+  };
+  EXPECT_TRUE(std::isinf(validated(3).upper_95_factor));
+  for (const int count : {4, 6, 10, 20}) {
+    int inside = 0;
+    for (std::uint64_t seed = 0; seed < kRobots; ++seed) {
+      robots.restart(Random(11, seed));
+      const PositionErrors few = validated(count);
+      inside += few.all.rms * few.upper_95_factor > validated(200).rms_corrected ? 1 : 0;
+    }
+    std::cout << count << " configurations: " << inside << " of " << kRobots << " inside\n";
+    EXPECT_GE(inside, 0.9 * kRobots) << count;
+  }
 }
 
 TEST(Interface, ValidationDoubtsDataThatAnotherReadingExplains) {
