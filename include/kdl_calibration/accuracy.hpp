@@ -108,7 +108,8 @@ enum class Cause {
   test_rows_differ,
   large_misfit,
   unknown_length,
-  large_error
+  large_error,
+  another_robot
 };
 
 /// The name of the enumerator, as in the result file.

@@ -368,10 +368,24 @@ std::string said_of_zero(const CalibrationResult& found) {
       in_millimetres(found.distance_zero->sigma));
 }
 
+Doubts of_earlier_result(const CalibrationResult& found) {
+  const auto& continued = found.selection.continued;
+  if (!continued || !continued->comparison.contradicts()) {
+    return {};
+  }
+  const EarlierComparison& comparison = continued->comparison;
+  return {{.cause = Cause::another_robot,
+           .message = fmt::format("the measurements contradict the earlier result (p = {:.1e}): {} of {} geometric "
+                                  "errors would have changed, and {:.3g} times its noise remains; a crash changes few: "
+                                  "is this another robot of the type? Calibrate it without the earlier result",
+                                  comparison.p_value, comparison.changes.size(), comparison.changeable,
+                                  comparison.noise_ratio)}};
+}
+
 // Empty if the measurements agree with the earlier result, or if there is none.
 std::string said_of_change(const CalibrationResult& found) {
   const auto& continued = found.selection.continued;
-  if (!continued || !continued->comparison.has_changed()) {
+  if (!continued || !continued->comparison.has_changed() || continued->comparison.contradicts()) {
     return {};
   }
   return fmt::format("the robot has changed since the earlier result (p = {:.1e}); estimated anew: {}",
@@ -445,9 +459,9 @@ std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagn
   Doubts result;
   // First what would explain the misfit, last that the fit did not end.
   for (const Doubts& some : {of_readings(diagnosis.alternative_readings), of_rows(found, diagnosis.gross_rows),
-                             of_determination(found, measurements, model), of_predictions(found), of_tests(found),
-                             of_size(found, measurements), of_errors(found), of_lengths(found, diagnosis, measurements),
-                             of_convergence(found)}) {
+                             of_earlier_result(found), of_determination(found, measurements, model),
+                             of_predictions(found), of_tests(found), of_size(found, measurements), of_errors(found),
+                             of_lengths(found, diagnosis, measurements), of_convergence(found)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

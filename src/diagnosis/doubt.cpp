@@ -7,7 +7,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::array<std::pair<Cause, const char*>, 33> kNames = {{
+constexpr std::array<std::pair<Cause, const char*>, 34> kNames = {{
     {Cause::joint_convention, "joint_convention"},
     {Cause::joint_sign, "joint_sign"},
     {Cause::joint_unit, "joint_unit"},
@@ -41,6 +41,7 @@ constexpr std::array<std::pair<Cause, const char*>, 33> kNames = {{
     {Cause::large_misfit, "large_misfit"},
     {Cause::unknown_length, "unknown_length"},
     {Cause::large_error, "large_error"},
+    {Cause::another_robot, "another_robot"},
 }};
 
 }  // namespace

@@ -231,6 +231,8 @@ ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& tra
     result = assembled(earlier, variances, scaled(options.noise, sizes.sigma));
     result.comparison = compared(rows, L);
     result.comparison.changes = found;
+    result.comparison.changeable = static_cast<std::size_t>(changeable);
+    result.comparison.noise_ratio = sizes.sigma;
   }
   return result;
 }

@@ -3,6 +3,7 @@
 // A calibration that continues an earlier one of the same robot.
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <utility>
@@ -32,8 +33,12 @@ struct EarlierComparison {
   /// Geometric errors that may have changed, and by how much [m] or [rad]. The first one exceeds its earlier sigma
   /// most.
   std::vector<std::pair<std::string, double>> changes;
+  std::size_t changeable = 0;  ///< number of geometric errors
+  double noise_ratio = 1.0;    ///< of the measurements with these changes, to that of the earlier result
 
   bool has_changed() const { return p_value < 1e-3; }
+  /// A crash changes few errors. Here many have changed, or few changes do not explain the measurements.
+  bool contradicts() const { return has_changed() && (3 * changes.size() > changeable || noise_ratio > 3.0); }
 };
 
 /// "dq2 by 0.02826 degrees", for each change.

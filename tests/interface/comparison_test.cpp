@@ -311,6 +311,23 @@ TEST(Continuation, NamesTheJointThatHasChanged) {
   EXPECT_THAT(after.warnings(), ::testing::Contains(HasSubstr("the robot has changed since the earlier result")));
 }
 
+// A crash changes few errors, another robot of the type has others throughout.
+TEST(Continuation, DoubtsAnotherRobotOfTheTypeButNotACrash) {
+  Campaigns robot;
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    robot.restart(seed);
+    const Calibration before = robot.calibrated();
+    robot.change("dq2", 1e-3);
+    robot.change("dq5", -2e-3);
+    EXPECT_TRUE(calibrate(bundled_robot(), robot.campaign(8), continuing(before)).trusted()) << seed;
+    robot.restart(1000 + seed);
+    for (const int count : {8, 30}) {
+      const Calibration other = calibrate(bundled_robot(), robot.campaign(count), continuing(before));
+      EXPECT_THAT(other.doubts(), Contains(Field(&Doubt::cause, Cause::another_robot))) << seed << ' ' << count;
+    }
+  }
+}
+
 TEST(Continuation, RefusesOtherChoicesBesideIt) {
   Campaigns robot;
   const Calibration before = robot.calibrated();
