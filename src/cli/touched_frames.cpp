@@ -1,12 +1,14 @@
 #include "interface/touched_frames.hpp"
 
 #include <fmt/core.h>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/degree.hpp"
@@ -92,7 +94,8 @@ Json std_json(const Eigen::VectorXd& std) {
 
 Json touched_json(const TouchedFrame& found) {
   Json json = frame_json(found.frame);
-  json.update({{"std", std_json(found.std())}, {"rms", found.rms}, {"largest", found.largest}});
+  const auto or_null = [](const std::optional<double>& value) { return value ? Json(*value) : Json(); };
+  json.update({{"std", std_json(found.std())}, {"rms", or_null(found.rms)}, {"largest", or_null(found.largest)}});
   return json;
 }
 
@@ -217,8 +220,10 @@ std::string table(const TouchedFrames& found, const std::vector<PendantFrame>& f
       to_kdl(frame.frame).M.GetRPY(roll, pitch, yaw);
       text += numbers_row(name + " roll pitch yaw [deg]", {roll, pitch, yaw}, std.tail<3>(), kDegree);
     }
-    text += name + ": the touches are off by " + fixed(frame.rms * 1e3, 4) + " mm (rms), at most " +
-            fixed(frame.largest * 1e3, 4) + " mm\n";
+    if (frame.rms) {
+      text += name + ": the touches are off by " + fixed(*frame.rms * 1e3, 4) + " mm (rms), at most " +
+              fixed(*frame.largest * 1e3, 4) + " mm\n";
+    }
   };
   if (found.tool) {
     add("tool", *found.tool);
@@ -232,17 +237,32 @@ std::string table(const TouchedFrames& found, const std::vector<PendantFrame>& f
   return text;
 }
 
-// Whether the touches belong together. Even the nominal robot errs by less.
-bool fits(const char* name, const std::optional<TouchedFrame>& found) {
+// What contradicts the frames. Even the nominal robot errs by less than 5 mm.
+std::vector<std::string> contradictions(const TouchedFrames& found) {
   constexpr double kFar = 5e-3;  // [m]
-  if (!found || found->rms < kFar) {
-    return true;
+  std::vector<std::string> result;
+  for (const auto& [name, frame] : {std::pair{"tool", &found.tool}, std::pair{"user", &found.user}}) {
+    if (*frame && (*frame)->rms.value_or(0.0) >= kFar) {
+      result.push_back(
+          fmt::format("the touches of the {} frame are off by {:.1f} mm; are units, rows and joint values right "
+                      "(--joint-convention)?",
+                      name, *(*frame)->rms * 1e3));
+    }
   }
-  print_doubt(
-      fmt::format("the touches of the {} frame are off by {:.1f} mm; are units, rows and joint values right "
-                  "(--joint-convention)?",
-                  name, found->rms * 1e3));
-  return false;
+  if (found.flange_height < -kFar) {
+    result.push_back(
+        fmt::format("the flange is {:.1f} mm or more below the x-y plane of the user frame where it touched: is the "
+                    "sign of y right, "
+                    "and are rows exchanged?",
+                    -found.flange_height * 1e3));
+  }
+  if (found.least_y < -kFar) {
+    result.push_back(
+        fmt::format("a touch with y above 0 was expected at y = {:.1f} mm of the user frame; is its row exchanged with "
+                    "another one?",
+                    found.least_y * 1e3));
+  }
+  return result;
 }
 
 ExitStatus run(const FramesArguments& arguments) {
@@ -261,8 +281,12 @@ ExitStatus run(const FramesArguments& arguments) {
       controller ? pendant_frames(arguments, *controller, basis, found) : std::vector<PendantFrame>();
   files.front().text = json_text(frames_json(found, frames, arguments.result));
   write_whole(files, arguments.force, arguments.json ? files.front().text : table(found, frames));
-  const bool tool_fits = fits("tool", found.tool);
-  return fits("user", found.user) && tool_fits ? done : not_to_be_trusted;
+  if (found.user && !found.user->rms) {
+    warn("three touches of the user frame leave no check, and do not show how accurate it is; touch a fourth point");
+  }
+  const std::vector<std::string> doubts = contradictions(found);
+  std::for_each(doubts.begin(), doubts.end(), print_doubt);
+  return doubts.empty() ? done : not_to_be_trusted;
 }
 
 }  // namespace

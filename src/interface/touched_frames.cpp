@@ -19,12 +19,15 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// Tool and user frame as one arm finds them, and the distances of the touches that are left.
+// Tool and user frame as one arm finds them, and what is left of the touches.
 struct Found {
   Isometry3d X_FT;
   Isometry3d X_BU = Isometry3d::Identity();
   Matrix3Xd tool_residuals;
-  Matrix3Xd user_residuals;  // without columns if no coordinates are given
+  Matrix3Xd user_residuals;
+  Index freedom = 0;    // coordinates of the user's touches that the frame does not need
+  Matrix3Xd user = {};  // the touched points in the user frame
+  double flange_height = 0.0;
 };
 
 // The point that all touches share and the tool's tip: R p_F + t = p_B for each flange pose, least squares.
@@ -53,18 +56,19 @@ constexpr double kLeastAngle = 1e-3;  // [rad] between directions to touched poi
   refuse_input("the points of the user frame lie on one line", "three points that span a plane");
 }
 
-// See FrameTouches::user_points.
-Isometry3d frame_through(const Matrix3Xd& points) {
+// See FrameTouches::user_points. Off the x-y plane are only the points behind the second.
+void frame_through(const Matrix3Xd& points, Found& found) {
   const Vector3d x = points.col(1) - points.col(0);
   const Vector3d y = points.rightCols(points.cols() - 2).rowwise().mean() - points.col(0);
   const Vector3d z = x.cross(y);
   if (!(z.norm() > kLeastAngle * x.norm() * y.norm())) {
     refuse_line();
   }
-  Isometry3d X = Isometry3d::Identity();
-  X.linear() << x.normalized(), z.cross(x).normalized(), z.normalized();
-  X.translation() = points.col(0);
-  return X;
+  found.X_BU.linear() << x.normalized(), z.cross(x).normalized(), z.normalized();
+  found.X_BU.translation() = points.col(0);
+  const Vector3d up = z.normalized();
+  found.user_residuals = up * (up.transpose() * (points.colwise() - points.col(0)));
+  found.freedom = points.cols() - 3;
 }
 
 // The frame in which the touched points have the stated coordinates, least squares (Umeyama 1991).
@@ -76,6 +80,7 @@ void fit_frame(const Matrix3Xd& touched, const Matrix3Xd& stated, Found& found) 
   }
   found.X_BU = rigid_motion(stated, touched);
   found.user_residuals = (touched - found.X_BU.linear() * stated).colwise() - found.X_BU.translation();
+  found.freedom = touched.size() - 6;
 }
 
 // The frames that the arm of an estimate finds, where each touch slipped by so much [m].
@@ -85,15 +90,21 @@ Found find(const ErrorModel& model, const Estimate& estimate, const FrameTouches
     find_tool(flange_poses(model, estimate, touches.tool), slips.leftCols(touches.tool.cols()), found);
   }
   if (touches.user.cols() > 0) {
+    const std::vector<Isometry3d> flanges = flange_poses(model, estimate, touches.user);
     Matrix3Xd touched = slips.rightCols(touches.user.cols());
-    Index i = 0;
-    for (const Isometry3d& X_BF : flange_poses(model, estimate, touches.user)) {
-      touched.col(i++) += X_BF * found.X_FT.translation();
+    for (Index i = 0; i < touched.cols(); ++i) {
+      touched.col(i) += flanges[static_cast<std::size_t>(i)] * found.X_FT.translation();
     }
     if (touches.user_points.cols() > 0) {
       fit_frame(touched, touches.user_points, found);
     } else {
-      found.X_BU = frame_through(touched);
+      frame_through(touched, found);
+    }
+    found.user = found.X_BU.inverse() * touched;
+    found.flange_height = -std::numeric_limits<double>::infinity();
+    for (Index i = 0; i < touched.cols(); ++i) {
+      const Vector3d to_flange = flanges[static_cast<std::size_t>(i)].translation() - touched.col(i);
+      found.flange_height = std::max(found.flange_height, to_flange.dot(found.X_BU.linear().col(2)));
     }
   }
   return found;
@@ -132,10 +143,10 @@ MatrixXd covariance_by_calibration(const PredictionBasis& basis, const FrameTouc
   return J * basis.covariance.block(geometric.first, geometric.first, count, count) * J.transpose();
 }
 
-TouchedFrame touched(const Isometry3d& frame, const MatrixXd& covariance, const Matrix3Xd& residuals) {
+TouchedFrame touched(const Isometry3d& frame, const MatrixXd& covariance, const Matrix3Xd& residuals, Index freedom) {
   const VectorXd distances = residuals.colwise().norm().transpose();
-  TouchedFrame result{.frame = frame, .covariance = covariance};
-  if (distances.size() > 0) {
+  TouchedFrame result{.frame = frame, .covariance = covariance, .rms = {}, .largest = {}};
+  if (freedom > 0) {
     result.rms = std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
     result.largest = distances.maxCoeff();
   }
@@ -170,8 +181,8 @@ TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& t
   const Found found = find(basis.model, basis.estimate, touches, none);
   TouchedFrames result;
   MatrixXd covariance = covariance_by_calibration(basis, touches, none);
-  const Index freedom =
-      std::max<Index>(found.tool_residuals.size() - 6, 0) + std::max<Index>(found.user_residuals.size() - 6, 0);
+  const Index of_tool = std::max<Index>(found.tool_residuals.size() - 6, 0);
+  const Index freedom = of_tool + found.freedom;
   if (freedom > 0) {
     const double variance =
         (found.tool_residuals.squaredNorm() + found.user_residuals.squaredNorm()) / static_cast<double>(freedom);
@@ -182,12 +193,16 @@ TouchedFrames touched_frames(const PredictionBasis& basis, const FrameTouches& t
     });
     covariance += variance * J * J.transpose();
     result.touch_sigma = std::sqrt(variance);
+  } else {  // nothing shows how well it was touched
+    covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
   }
   if (touches.tool.cols() > 0) {
-    result.tool = touched(found.X_FT, covariance.topLeftCorner<3, 3>(), found.tool_residuals);
+    result.tool = touched(found.X_FT, covariance.topLeftCorner<3, 3>(), found.tool_residuals, of_tool);
   }
   if (touches.user.cols() > 0) {
-    result.user = touched(found.X_BU, covariance.bottomRightCorner<6, 6>(), found.user_residuals);
+    result.user = touched(found.X_BU, covariance.bottomRightCorner<6, 6>(), found.user_residuals, found.freedom);
+    result.flange_height = found.flange_height;
+    result.least_y = touches.user_points.cols() > 0 ? 0.0 : found.user.row(1).tail(touches.user.cols() - 2).minCoeff();
   }
   return result;
 }

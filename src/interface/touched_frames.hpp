@@ -27,8 +27,10 @@ struct TouchedFrame {
   /// Of its origin along the axes of flange or base [m], and of the user's rotations about these axes [rad]. By touches
   /// and calibration; NaN where the calibration does not determine it.
   Eigen::MatrixXd covariance;
-  double rms = 0.0;      ///< [m] distance of the touches from the point, or from the given coordinates
-  double largest = 0.0;  ///< [m]
+  /// [m] distance of the touches from the point, from the given coordinates, or from the x-y plane. Empty if the
+  /// touches only just determine the frame.
+  std::optional<double> rms;
+  std::optional<double> largest;
 
   /// 1 sigma in the order of `covariance`, along and about the axes of another frame that has the rotation R in flange
   /// or base.
@@ -38,9 +40,13 @@ struct TouchedFrame {
 struct TouchedFrames {
   std::optional<TouchedFrame> tool;
   std::optional<TouchedFrame> user;
-  /// [m] 1 sigma of a coordinate of a touch, from the residuals. Empty if there are none; `covariance` is then by the
-  /// calibration alone.
+  /// [m] 1 sigma of a coordinate of a touch, from the residuals. Empty if there are none; `covariance` is then NaN.
   std::optional<double> touch_sigma;
+  /// [m] height of the flange above the x-y plane of the user frame, where it is highest. An arm that touches a part
+  /// from outside is above it. 0 if the flange itself touched.
+  double flange_height = 0.0;
+  /// [m] least y of the touches that were to have y > 0. 0 if coordinates were given.
+  double least_y = 0.0;
 };
 
 /// The arm of a calibration, or the nominal one (see nominal_basis). The tool is the one found if it was touched.

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <kdl/chainiksolverpos_lma.hpp>
 
 #include "geometry_alone.hpp"
@@ -73,7 +74,7 @@ TEST(TouchedFrames, AreThoseThatWereTouched) {
     const TouchedFrames found = touched_frames(basis, touches);
     EXPECT_LT((found.tool->frame.translation() - cell.tip).norm(), 1e-7);
     EXPECT_LT(distance(found.user->frame, cell.X_BU), 1e-6);
-    EXPECT_LT(found.user->largest, 1e-7);
+    EXPECT_LT(*found.user->largest, 1e-7);
     EXPECT_LT(*found.touch_sigma, 1e-7);
     touches.user = touches.user.leftCols(3).eval();
     touches.user_points.resize(3, 0);
@@ -118,6 +119,68 @@ TEST(TouchedFrames, AreOffByTheirStandardDeviation) {
   for (Index i = 0; i < 9; ++i) {
     EXPECT_NEAR(squares[i] / predicted[i], 1.0, 0.5) << i;
   }
+}
+
+// With a known tool, always in the same orientation.
+struct Plane {
+  Isometry3d X_FT = Isometry3d(Eigen::Translation3d(Cell().tip));
+  Matrix3Xd points = Cell().points.leftCols(4);
+  Isometry3d X_BU;  // the flange is above it
+
+  Plane() {
+    points.row(2).setZero();
+    points.col(3).y() = 0.2;
+    Random random(1);
+    const Vector3d spike = Cell().spike;
+    const VectorXd q = touching(bundled_robot().chain, Cell().tip, spike, random).col(0);
+    const Vector3d flange = to_eigen(kdl_pose(bundled_robot().chain, q)).translation();
+    X_BU = Eigen::Translation3d(spike) * Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), flange - spike);
+  }
+
+  FrameTouches touches(const Matrix3Xd& in_user, const Matrix3Xd& stated) const {
+    MatrixXd q(6, in_user.cols());
+    for (Index i = 0; i < q.cols(); ++i) {
+      Random random(1);
+      const Vector3d point = X_BU * in_user.col(i);
+      q.col(i) = touching(bundled_robot().chain, Cell().tip, point, random);
+    }
+    return {.tool = {}, .user = q, .user_points = stated, .X_FT = X_FT};
+  }
+};
+
+TEST(TouchedFrames, AreBelowTheFlangeUnlessMirroredOrExchanged) {
+  const Plane plane;
+  const PredictionBasis basis = nominal_basis(bundled_robot());
+  const double height = touched_frames(basis, plane.touches(plane.points, plane.points)).flange_height;
+  EXPECT_GT(height, 0.2);
+  Matrix3Xd mirrored = plane.points;
+  mirrored.row(1) *= -1.0;
+  const TouchedFrames wrong = touched_frames(basis, plane.touches(plane.points, mirrored));
+  EXPECT_LT(*wrong.user->rms, 1e-6);  // nothing else shows it
+  EXPECT_LT(wrong.flange_height, -0.2);
+  const Matrix3Xd none;
+  const Matrix3Xd three = plane.points.leftCols(3);
+  EXPECT_GT(touched_frames(basis, plane.touches(three, none)).flange_height, 0.2);
+  for (const auto& order : {std::array{1, 0, 2}, std::array{0, 2, 1}, std::array{2, 1, 0}}) {
+    EXPECT_LT(touched_frames(basis, plane.touches(three(Eigen::all, order), none)).flange_height, -0.2);
+  }
+  // A fourth point shows an exchange with its neighbour, too.
+  Matrix3Xd four = plane.points;
+  four.col(3) << 0.3, -0.1, 0.0;
+  EXPECT_LT(touched_frames(basis, plane.touches(four, none)).least_y, -0.05);
+}
+
+TEST(TouchedFrames, OfThreePointsHaveNoCheckAndNoDeviation) {
+  const Plane plane;
+  const PredictionBasis basis = nominal_basis(bundled_robot());
+  const TouchedFrames three = touched_frames(basis, plane.touches(plane.points.leftCols(3), {}));
+  EXPECT_FALSE(three.user->rms || three.touch_sigma);
+  EXPECT_TRUE(three.user->std().array().isNaN().all());
+  Matrix3Xd points = plane.points;
+  points.col(3).z() = 1e-3;
+  const TouchedFrames four = touched_frames(basis, plane.touches(points, {}));
+  EXPECT_NEAR(*four.user->largest, 5e-4, 1e-4);  // half of it turns the plane
+  EXPECT_GT(*four.touch_sigma, 3e-4);
 }
 
 TEST(TouchedFrames, OfACalibrationWithoutCovarianceHaveNoDeviation) {
