@@ -74,6 +74,11 @@ public:
   /// which an arm can reach a pose this is one, not always that of the program.
   CompensatedPoint solve(const Eigen::Isometry3d& X_BF) const;
 
+  /// [m] How far apart the commands for this pose are, at most, over the ways that the same starts find: nominal
+  /// positions of the flange at the compensated joint values. 0 with a single way. A controller that arrives in another
+  /// way misses by as much.
+  double spread_of_ways(const Eigen::Isometry3d& X_BF) const;
+
   /// The pose of the nominal robot's flange at these joint values: a controller that is told this pose sets them.
   Eigen::Isometry3d nominal_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 

@@ -1,3 +1,4 @@
+#include <fmt/core.h>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -45,6 +46,7 @@ struct CompensateArguments {
   std::string controller;
   std::string frames;
   std::string joint_convention;
+  std::vector<std::string> near;
   double most_change = 5.0;
   bool position_first = false;
   bool linear = false;
@@ -114,11 +116,11 @@ public:
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
         summary_(robot, calibration_.arm(), program_),
         warnings_(other_notes(arguments)) {
-    if (!program_.states_joints()) {
-      warnings_.push_back(
-          file() +
-          " has no joint values: of the ways in which the arm can reach a pose, one near the previous row's is "
-          "taken; add the joint columns, as errors differ from way to way");
+    if (!arguments.near.empty()) {
+      previous_ = joint_values(robot, {.joints = arguments.near,
+                                       .joint_convention = arguments.joint_convention,
+                                       .degrees = true,
+                                       .option = "--near"});
     }
   }
 
@@ -150,6 +152,16 @@ public:
   }
 
   const CompensationSummary& summary() const { return summary_; }
+  /// Why the commands may be wrong although each point is exact; empty if they are not.
+  std::string doubt() const {
+    if (!depends_on_way()) {
+      return {};
+    }
+    return fmt::format(
+        "{} has no joint values, and the commands depend on the way in which the arm reaches a pose (elbow, shoulder, "
+        "wrist): by {:.2f} mm; add joint columns, or state the first row's joint values (--near)",
+        file(), spread_of_ways_ * 1e3);
+  }
   std::vector<std::string> warnings() const {
     std::vector<std::string> result = warnings_;
     for (const std::string& warning : summary_.warnings()) {
@@ -242,8 +254,17 @@ private:
     return text;
   }
 
+  bool depends_on_way() const {
+    constexpr double kTold = 1e-4;  // [m]
+    return spread_of_ways_ > kTold;
+  }
+
   CompensatedPoint near_previous(const Eigen::Isometry3d& asked) {
+    constexpr int kMostChecked = 100;
     CompensatedPoint point;
+    if (arguments_.near.empty() && !depends_on_way() && checked_++ < kMostChecked) {
+      spread_of_ways_ = std::max(spread_of_ways_, compensator_.spread_of_ways(asked));
+    }
     if (previous_.size() > 0) {
       point = compensator_.solve(asked, previous_);
     }
@@ -279,6 +300,8 @@ private:
   std::string predicted_ =
       "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside\n";
   CompensatedJoints previous_;
+  double spread_of_ways_ = 0.0;  // [m] over the rows that were checked
+  int checked_ = 0;
   LineEnd last_;
 };
 
@@ -339,6 +362,10 @@ ExitStatus run(const CompensateArguments& arguments) {
     return (of_links ? "poses of " + robot.tip + " in " + robot.base + ", as no --frames are given\n" : "") +
            compensation.summary().table();
   });
+  if (const std::string doubt = compensation.doubt(); !doubt.empty()) {
+    print_doubt(doubt);
+    return not_to_be_trusted;
+  }
   return compensation.summary().is_exact() ? done : not_to_be_trusted;
 }
 
@@ -358,6 +385,10 @@ Subcommand add_compensate(CLI::App& parser) {
   add_file(*app, "--poses", arguments->poses,
            "Poses of the program: a CSV file with x, y, z, an orientation and, if known, joint values near the pose")
       ->excludes(joints);
+  add_list(*app, "--near", arguments->near,
+           "Joint values near the first of --poses without joint values, degrees or m: its elbow, shoulder and wrist")
+      ->type_name("q1,...,qn")
+      ->needs("--poses");
   CLI::Option* program = add_file(*app, "--program", arguments->program, "A FANUC program as text (LS)");
   add_file(*app, "--controller", arguments->controller,
            "Joint convention, world frame and faceplate for --program (JSON) [those of the R-2000iC/165F]")

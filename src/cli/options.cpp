@@ -51,8 +51,8 @@ Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments
   const std::vector<std::string> names =
       convention == nullptr ? independent_joint_names(robot.joints) : convention->controller_joints;
   if (arguments.joints.size() != names.size()) {
-    throw InputError(fmt::format("--joints: has {} values, expected {}: {}", arguments.joints.size(), names.size(),
-                                 comma_separated(names)));
+    throw InputError(fmt::format("{}: has {} values, expected {}: {}", arguments.option, arguments.joints.size(),
+                                 names.size(), comma_separated(names)));
   }
   Eigen::VectorXd values(static_cast<Eigen::Index>(names.size()));
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -61,10 +61,11 @@ Eigen::VectorXd given_values(const Robot& robot, const JointArguments& arguments
     const bool length = value_is_length(robot, convention, index);
     if (!value) {
       const std::string unit = length ? "metres" : arguments.degrees ? "degrees" : "radians";
-      throw InputError("--joints: '" + arguments.joints[i] + "' for " + names[i] + " is no number, expected " + unit);
+      throw InputError(arguments.option + ": '" + arguments.joints[i] + "' for " + names[i] +
+                       " is no number, expected " + unit);
     }
     if (!(std::abs(*value) <= kLargestNumber)) {
-      throw InputError("--joints: '" + arguments.joints[i] + "' for " + names[i] +
+      throw InputError(arguments.option + ": '" + arguments.joints[i] + "' for " + names[i] +
                        " is out of range, expected at most 1e12");
     }
     values[index] = arguments.degrees && !length ? *value * kDegree : *value;

@@ -80,6 +80,7 @@ struct JointArguments {
   std::vector<std::string> joints;
   std::string joint_convention;
   bool degrees = false;
+  std::string option = "--joints";  // that states them
 };
 void add_joint_options(CLI::App& app, JointArguments& arguments);
 /// Whether the joint value with this index (the controller's if there is a convention) is a length. A convention maps

@@ -313,6 +313,7 @@ struct Compensator::Parts {
 
   CompensatedPoint solve(const ArmKinematics& arm, const Isometry3d& X_BF, const JointVector& start,
                          const JointVector& change) const;
+  Eigen::MatrixXd starts() const;
   // Joint values of the nominal arm within the limits, found from `start`; empty if it does not reach the pose.
   std::optional<JointVector> nominal_values(const Isometry3d& X_BF, const JointVector& start) const;
 
@@ -417,22 +418,47 @@ CompensatedPoint Compensator::solve(const Isometry3d& X_BF, const Eigen::Ref<con
   return parts_->solve(parts_->calibrated, asked, parts_->independent(nominal.joint_values), parts_->most_change);
 }
 
-CompensatedPoint Compensator::solve(const Isometry3d& X_BF) const {
+// Where the search for a pose begins: in the middle of the limits, then at random.
+Eigen::MatrixXd Compensator::Parts::starts() const {
   constexpr int kStarts = 32;
-  const Isometry3d asked = rigid_pose(X_BF);
-  const JointRanges ranges = limits_of(parts_->joints);
+  const JointRanges ranges = limits_of(joints);
   Random random(1);
-  Eigen::MatrixXd starts = random_configurations(parts_->joints, ranges, kStarts, random);
+  Eigen::MatrixXd result = random_configurations(joints, ranges, kStarts, random);
   for (std::size_t i = 0; i < ranges.size(); ++i) {
-    starts(static_cast<Index>(i), 0) = std::midpoint(ranges[i].first, ranges[i].second);
+    result(static_cast<Index>(i), 0) = std::midpoint(ranges[i].first, ranges[i].second);
   }
-  follow(parts_->joints, starts.leftCols<1>());
+  follow(joints, result.leftCols<1>());
+  return result;
+}
+
+CompensatedPoint Compensator::solve(const Isometry3d& X_BF) const {
+  const Isometry3d asked = rigid_pose(X_BF);
+  const Eigen::MatrixXd starts = parts_->starts();
   for (const auto& start : starts.colwise()) {
     if (const auto nominal = parts_->nominal_values(asked, parts_->independent(start))) {
       return parts_->solve(parts_->calibrated, asked, *nominal, parts_->most_change);
     }
   }
   return solve(asked, starts.col(0));
+}
+
+double Compensator::spread_of_ways(const Isometry3d& X_BF) const {
+  const Isometry3d asked = rigid_pose(X_BF);
+  std::vector<Eigen::Vector3d> commanded;
+  double spread = 0.0;
+  const Eigen::MatrixXd starts = parts_->starts();
+  for (const auto& start : starts.colwise()) {
+    if (const auto nominal = parts_->nominal_values(asked, parts_->independent(start))) {
+      const CompensatedPoint point = parts_->solve(parts_->calibrated, asked, *nominal, parts_->most_change);
+      if (point.status == CompensationStatus::exact) {
+        commanded.emplace_back(parts_->nominal.flange_pose(point.joint_values).translation());
+        for (const Eigen::Vector3d& other : commanded) {
+          spread = std::max(spread, (other - commanded.back()).norm());
+        }
+      }
+    }
+  }
+  return spread;
 }
 
 Isometry3d Compensator::nominal_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const {

@@ -175,8 +175,15 @@ TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
       }
       write("p.csv", text);
       const Outcome outcome = run(kOfPoses + Words{"--force"} + (framed ? Words{"--frames", "f.json"} : Words{}));
-      EXPECT_EQ(outcome.status, 0) << outcome.err << outcome.out;
+      // Elsewhere an error of 1 mm and 1 mrad asks for another correction.
+      EXPECT_EQ(outcome.status, seeded ? 0 : 1) << outcome.err << outcome.out;
       EXPECT_EQ(outcome.err.find("has no joint values") == std::string::npos, seeded);
+      if (!seeded) {
+        const Outcome near = run(kOfPoses + Words{"--force", "--near", "6,-11,17,23,29,34"} +
+                                 (framed ? Words{"--frames", "f.json"} : Words{}));
+        EXPECT_EQ(near.status, 0) << near.err;
+        EXPECT_THAT(near.err, ::testing::Not(HasSubstr("has no joint values")));
+      }
       const std::string commands = text_of("o.csv");
       EXPECT_EQ(lines_of(commands)[1], lines_of(text)[0]);
       const std::vector<Eigen::Isometry3d> commanded = poses_in(commands);
