@@ -149,6 +149,18 @@ std::vector<std::vector<Eigen::Index>> neighbours(const Measurements& measuremen
   return result;
 }
 
+// So that a fold depends on the measurements, and not on the order of their rows.
+void sort_by_joint_values(const Eigen::MatrixXd& q, std::vector<std::vector<Eigen::Index>>& groups) {
+  const auto is_before = [&](Eigen::Index a, Eigen::Index b) {
+    return std::lexicographical_compare(q.col(a).begin(), q.col(a).end(), q.col(b).begin(), q.col(b).end());
+  };
+  for (std::vector<Eigen::Index>& group : groups) {
+    std::stable_sort(group.begin(), group.end(), is_before);
+  }
+  std::stable_sort(groups.begin(), groups.end(),
+                   [&](const auto& a, const auto& b) { return is_before(a.front(), b.front()); });
+}
+
 // The rows of a station to fit without those of a fold.
 Measurements rest_of(const Measurements& station, const std::vector<Eigen::Index>& fold) {
   return subset(station, [&](const Observation& o) {
@@ -211,8 +223,9 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
       neighbours(measurements, trained_configurations(measurements));
   const std::size_t count = configurations.size();
   const bool one_each = folds <= 0 || static_cast<std::size_t>(folds) >= count;
-  if (!one_each) {  // Fisher-Yates
-    Random random(seed);
+  if (!one_each) {
+    sort_by_joint_values(measurements.joint_values, configurations);
+    Random random(seed);  // Fisher-Yates
     for (std::size_t i = count; i > 1; --i) {
       std::swap(configurations[i - 1], configurations[random.bits() % i]);
     }

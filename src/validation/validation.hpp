@@ -47,9 +47,9 @@ struct HoldOut {
   int not_converged = 0;
 };
 
-/// The training configurations in `folds` groups, assigned at random from the seed; one configuration per group if
-/// `folds` is 0 or at least their number. Neighbours (first_of_neighbours) stay in one group. A configuration
-/// without which its station would not determine the base is in no group.
+/// The training configurations in `folds` groups, assigned at random from the seed whatever their order; one
+/// configuration per group if `folds` is 0 or at least their number. Neighbours (first_of_neighbours) stay in one
+/// group. A configuration without which its station would not determine the base is in no group.
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
 /// The folds and, as a last one, the training configurations that are in none of them, if there are any.

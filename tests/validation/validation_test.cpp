@@ -164,6 +164,24 @@ TEST(Validation, FoldsAreDealtOutOfTrainedConfigurationsAtDifferentJointValues) 
   EXPECT_EQ(make_folds(measured, 3), make_folds(measured, 3, 1));
 }
 
+TEST(Validation, FoldsDependOnTheJointValuesAndNotOnTheirOrder) {
+  testing::VirtualExperiment experiment;
+  const Measurements measured = experiment.measure(30);
+  Measurements reversed = measured;
+  reversed.joint_values = measured.joint_values.rowwise().reverse();
+  std::reverse(reversed.configurations.begin(), reversed.configurations.end());
+  for (Observation& o : reversed.observations) {
+    o.configuration = 29 - o.configuration;
+  }
+  auto folds = make_folds(reversed, 7);
+  for (std::vector<Eigen::Index>& fold : folds) {
+    for (Eigen::Index& c : fold) {
+      c = 29 - c;
+    }
+  }
+  EXPECT_EQ(make_folds(measured, 7), folds);
+}
+
 TEST(Validation, FoldsCanBeLeftOutWhereAsManyEquationsAsUnknownsStay) {
   testing::VirtualExperiment experiment({.targets = testing::as_frames(published_targets(2))});
   Measurements measured =
