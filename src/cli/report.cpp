@@ -72,6 +72,15 @@ void require_same_files(const ReportArguments& arguments, const Json& result) {
   }
 }
 
+// Another robot may lack the links that the result names, so its text is compared before it is read.
+void require_same_urdf(const ReportArguments& arguments, const Json& input) {
+  const std::string hash = text_at(input, "sha256");
+  if (!arguments.urdf.empty() && !hash.empty() && sha256_of_file(arguments.urdf) != hash) {
+    throw InputError("--urdf: '" + arguments.urdf + "' is not the robot that " + arguments.result +
+                     " was made with, its hash is another one; expected the URDF that was calibrated");
+  }
+}
+
 ExitStatus run(const ReportArguments& arguments) {
   const std::string& measurements_file = arguments.measurements.measurements;
   const bool with_robot = !arguments.urdf.empty() || !arguments.dh.empty() || !measurements_file.empty();
@@ -84,6 +93,7 @@ ExitStatus run(const ReportArguments& arguments) {
   std::optional<Measurements> measurements;
   if (with_robot) {
     const Json input = result.is_object() && result.contains("input") ? result["input"] : Json::object();
+    require_same_urdf(arguments, input);
     robot = load(
         {.urdf = arguments.urdf, .dh = arguments.dh, .base = text_at(input, "base"), .tip = text_at(input, "tip")});
     page.robot = &*robot;

@@ -80,6 +80,8 @@ TEST_F(PageOfKdlcal, NamesTheCommandThatPlansWhatComesNext) {
 TEST_F(PageOfKdlcal, OfAnotherRobotOrOtherMeasurementsIsRefused) {
   calibrate_with_page();
   expect_refused({"report", "--result", "r.json", "--urdf", "c.urdf", "--output", "x.html"}, {"c.urdf", "hash"});
+  write("odd.urdf", testing::kOddArm);  // with other links
+  expect_refused({"report", "--result", "r.json", "--urdf", "odd.urdf", "--output", "x.html"}, {"odd.urdf", "hash"});
   write("other.csv", text_of("m.csv") + "# more\n");
   expect_refused({"report", "--result", "r.json", "--urdf", urdf, "--measurements", "other.csv", "--output", "x.html"},
                  {"--measurements", "other.csv", "hash"});
