@@ -20,7 +20,7 @@ inline const Robot& bundled_robot() {
 inline CalibrationOptions geometry_alone() {
   return {.priors = {.automatic = false},
           .effects = {.groups = {}, .automatic = false},
-          .noise = {.weights = Weights::equal},
+          .noise = {.weights = Weights::equal, .scale_sigma = 0.0, .length_sigma = 0.0},  // the devices are exact
           .validation = {.held_out = false},
           .diagnosis = {.try_readings = false},
           .threads = 1};

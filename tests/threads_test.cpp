@@ -249,6 +249,7 @@ std::vector<Asked> other_methods() {
        [&] { return s.calibration.uncertainty.predicted.region.holds(s.q, Eigen::Matrix3d::Zero()); }},
       {"Freedom::left", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.left(); }},
       {"Freedom::spent", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.spent(); }},
+      {"Freedom::upper_95", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.upper_95(); }},
       {"Freedom::correction", [&] { return registered_errors(s.X_BF, s.data, s.data, {}).freedom.correction(); }},
       {"Calibration::verdict", [&] { return s.found.verdict(); }},
       {"Calibration::doubts", [&] { return s.found.doubts().size(); }},
@@ -272,6 +273,7 @@ std::vector<Asked> other_methods() {
       {"CalibratedArm::flange_pose", [&] { return s.calibrated.flange_pose(s.q).matrix().sum(); }},
       {"CalibratedArm::predict", [&] { return s.calibrated.predict(s.q, "A").radius_95; }},
       {"Compensator::nominal_pose", [&] { return s.compensator.nominal_pose(s.q).matrix().sum(); }},
+      {"Compensator::spread_of_ways", [&] { return s.compensator.spread_of_ways(s.X_BF[1]); }},
       {"Compensator::solve",
        [&] {
          return s.compensator.solve(s.q).joint_values.sum() + s.compensator.solve(s.X_BF[1], s.q).position_error;

@@ -57,10 +57,9 @@ double binomial_upper_tail(int least, int trials, double probability) {
   return least > trials ? 0.0 : f_upper_tail(a / b * (1.0 - probability) / probability, b, a);
 }
 
-double non_centrality(double level, double power, double freedom) {
+double non_centrality(double level, double power, double a, double b) {
   using NonCentral = math::non_central_chi_squared_distribution<double, Policy>;
-  const double limit = math::quantile(math::complement(ChiSquared(freedom), level));
-  return NonCentral::find_non_centrality(freedom, limit, 1.0 - power);
+  return NonCentral::find_non_centrality(a, a * f_critical(level, a, b), 1.0 - power);
 }
 
 double rank_sum_upper_tail(std::span<const double> first, std::span<const double> second) {

@@ -15,8 +15,9 @@ double f_upper_tail(double f, double a, double b);
 /// P(X >= least) of `trials` independent trials that succeed with this probability.
 double binomial_upper_tail(int least, int trials, double probability);
 
-/// The non-centrality with which a chi-squared test of this level and these degrees of freedom has this power.
-double non_centrality(double level, double power, double freedom);
+/// The non-centrality with which an F test of this level has this power: with a degrees of freedom above, and b below,
+/// infinite for a chi-squared test. The denominator counts as constant beyond its limit.
+double non_centrality(double level, double power, double a, double b);
 
 /// P that values of one distribution differ as far in rank, the first ones above the second (Mann and Whitney 1947):
 /// the normal approximation, for values that are all different.

@@ -378,8 +378,8 @@ CalibrationResult calibrated(const ErrorModel& arm, const Measurements& measurem
     selection.not_tried +=
         has_single_coordinates(measurements)
             ? "checks of repeats and of typing errors in rows that are no whole points, parts of the "
-              "noise, other readings of the data but of its lengths (single coordinates)"
-            : "other readings of the data but of its lengths (several stations)";
+              "noise, other readings of the joints (single coordinates)"
+            : "other readings of the joints (several stations)";
   }
   if (with_earlier) {
     selection.terms = options.selection.earlier->terms;

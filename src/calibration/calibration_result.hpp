@@ -142,9 +142,9 @@ struct TestedRadius {
 
 struct PredictedAccuracy {
   ErrorStatistics measured;  ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
-  /// At 300 seeded configurations within the measured joint ranges; at the measured ones where torques are needed.
-  ErrorStatistics within;
-  double of_assumptions = 0.0;       ///< [m] the part of `within` by what the measurements take as true
+  /// At left-out configurations, predicted from the others; at the measured ones where none was left out.
+  ErrorStatistics unseen;
+  double of_assumptions = 0.0;       ///< [m] beside that: what the measurements take as true
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;

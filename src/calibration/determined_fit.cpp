@@ -192,8 +192,9 @@ DeterminedFit continue_in_complete_model(const FitProblem& complete, const FitRu
     return has_converged(fit) && fit.rms <= std::max(wide.rms, kEqualMisfits);
   };
   FittedInGauge fitted = identify_in_gauge(from_there, rules.estimator, Steps::plain);
-  if (!is_better(fitted.fitted.identification) && wide.termination == Termination::converged) {
-    // Directions that are weakly determined make plain steps too long.
+  if (!is_better(fitted.fitted.identification) && wide.termination == Termination::converged &&
+      fitted.free == from_there.free) {
+    // Directions that are determined, but weakly, make plain steps too long.
     Identification plain = std::move(fitted.fitted.identification);
     fitted = identify_in_gauge(from_there, rules.estimator, Steps::any);
     prepend_history(plain, fitted.fitted.identification);

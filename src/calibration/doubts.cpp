@@ -228,8 +228,11 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
   }
   const bool is_named = !diagnosis.gross_rows.rows.empty() || !diagnosis.findings.empty();
   const bool are_many = 2 * rows_of_single_coordinates(measurements) > measurements.observations.size();
-  const ErrorStatistics& open = found.uncertainty.predicted.measured;
-  if (!is_named && are_many && open.count > 0 && open.rms > kMostOpen * found.noise.sigma && open.rms > kSmallest) {
+  const PredictedAccuracy& predicted = found.uncertainty.predicted;
+  const double open =
+      std::sqrt(std::max(std::pow(predicted.measured.rms, 2) - std::pow(predicted.of_assumptions, 2), 0.0));
+  const bool is_known = predicted.measured.count > 0;
+  if (!is_named && are_many && is_known && open > kMostOpen * found.noise.sigma && open > kSmallest) {
     const double excess = std::sqrt(found.noise.variance_factor);
     if (excess > kMostExcess) {
       doubts.push_back(
@@ -238,7 +241,7 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
                "the coordinates or distances are off by {:.4g} times their stated noise, and the whole points "
                "are uncertain by {} (1 sigma) even at the measured configurations; check the places of anchors or "
                "planes, a constant error of all distances, and the joint values",
-               excess, in_millimetres(open.rms))});
+               excess, in_millimetres(open))});
       return doubts;
     }
     doubts.push_back({.cause = Cause::not_determined,
@@ -246,7 +249,7 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
                           "the coordinates or distances agree with the fit, but the whole points are uncertain by {} "
                           "(1 sigma) even at the measured configurations; measure along other directions, or from more "
                           "anchors beside the robot",
-                          in_millimetres(open.rms))});
+                          in_millimetres(open))});
   }
   return doubts;
 }

@@ -169,19 +169,21 @@ std::vector<double> sigmas_of(const Eigen::MatrixXd& assumed, const PredictionBa
   return result;
 }
 
-// Where nothing was measured: within the measured joint ranges and over the whole workspace.
-void add_unmeasured(const PredictionBasis& basis, const Eigen::MatrixXd& assumed, const JointRanges& ranges,
-                    PredictedAccuracy& result) {
-  constexpr int kWithin = 300;
+// 3D 1 sigma [m] of the predictions of left-out configurations from the others.
+ErrorStatistics sigmas_left_out(const std::vector<HeldOutPoint>& held_out) {
+  std::vector<double> sigmas;
+  for (const HeldOutPoint& point : held_out) {
+    if (std::isfinite(point.covariance.trace())) {
+      sigmas.push_back(std::sqrt(point.covariance.trace()));
+    }
+  }
+  return error_statistics(sigmas);
+}
+
+void add_workspace(const PointPredictor& predictor, const PredictionBasis& basis, PredictedAccuracy& result) {
   const std::vector<MovingJoint>& joints = basis.model.joints;
-  const PointPredictor predictor(basis);
   Random random(1);
   const Eigen::MatrixXd workspace = random_configurations(joints, limits_of(joints), kWorkspaceSamples, random);
-  const Eigen::MatrixXd within = random_configurations(joints, ranges, kWithin, random);
-  if (const Eigen::MatrixXd there = predictor.sigmas(within, {}); there.allFinite()) {
-    result.within = error_statistics(listed_values(there));
-    result.of_assumptions = error_statistics(sigmas_of(assumed, basis, within, {})).rms;
-  }
   if (const Eigen::MatrixXd everywhere = predictor.sigmas(workspace, {}); everywhere.allFinite()) {
     result.workspace = error_statistics(listed_values(everywhere));
     result.cells = cells_of(flange_poses(basis.model, basis.estimate, workspace), everywhere, result.cell);
@@ -230,14 +232,17 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
   }
   result.region = basis.region;
   result.asked = asked_points(predictor, model, basis.estimate, asked);
-  if (!is_known || !there.allFinite()) {
+  if (!is_known) {
     return result;
   }
-  result.measured = error_statistics(listed_values(there));
-  result.within = result.measured;
-  result.of_assumptions = error_statistics(of_assumptions).rms;
+  if (there.allFinite()) {
+    result.measured = error_statistics(listed_values(there));
+    result.unseen = sigmas_left_out(uncertain.held_out);
+    result.unseen = result.unseen.count > 0 ? result.unseen : result.measured;
+    result.of_assumptions = error_statistics(of_assumptions).rms;
+  }
   if (!needs_torques(model)) {  // which are unknown at unmeasured configurations
-    add_unmeasured(basis, uncertain.assumed, trained_ranges(measurements), result);
+    add_workspace(predictor, basis, result);
   }
   return result;
 }

@@ -335,7 +335,7 @@ double Explanations::moved(const VectorXd& before, const AlternativeMotion& moti
 }
 
 std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, const AlternativeMotion& motion,
-                                                   double non_centrality) const {
+                                                   double level, double power) const {
   constexpr double kShown = 1e-9;
   const Gain gain = this->gain(sums, *without_);
   // Columns that move the measured points by 1 m RMS each, in independent directions.
@@ -355,18 +355,27 @@ std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, 
   if (!(shown[0] > kShown * whole.trace())) {
     return std::nullopt;
   }
-  Detectable result{.estimate = unit * of_unit.col(0) * std::sqrt(non_centrality / shown[0])};
-  result.size = std::sqrt(non_centrality / shown[0]);
-  // The step that the fit takes for it, and what is wrong then.
+  const VectorXd least = unit * of_unit.col(0);
+  // The step that the fit takes for it.
   VectorXd step = VectorXd::Zero(fit_.sizes.size());
-  step(free_) = without_->inverse_root * (gain.X * result.estimate);
+  step(free_) = without_->inverse_root * (gain.X * least);
   if (sums.B.size() > 0) {
-    step += sums.B * result.estimate;
+    step += sums.B * least;
   }
+  // Errors that become larger than ordinary show it, and the residuals, each with its degrees of freedom.
+  double of_sizes = 0.0;
+  for (Index i = 0; i < std::ssize(free_); ++i) {
+    const double error = step[free_[static_cast<std::size_t>(i)]] * without_->per_size[i];
+    of_sizes += is_error(i) ? error * error / shown[0] : 0.0;
+  }
+  of_sizes = std::min(of_sizes, 1.0);
+  const double rest = 1.0 / (of_sizes * of_sizes / std::max(without_->of_sizes, 0.1) +
+                             (1.0 - of_sizes) * (1.0 - of_sizes) / std::max(without_->freedom.sum(), 0.1));
+  const double size = std::sqrt(non_centrality(level, power, gain.rank, std::max(rest, 1.0)) / shown[0]);
   AlternativeMotion missed = motion;
   missed.of_robot = -motion.of_robot;
-  result.moves = moved(fit_.predicted * step, missed, result.estimate);
-  return result;
+  return Detectable{
+      .estimate = size * least, .size = size, .moves = moved(size * fit_.predicted * step, missed, size * least)};
 }
 
 }  // namespace kdl_calibration

@@ -96,9 +96,10 @@ public:
   /// With weights that follow from the alternative itself: its residuals give the noise, its errors the size of the
   /// arm's.
   Explained explained(const AlternativeSums& sums, const AlternativeMotion& motion) const;
-  /// With the noise and the size of errors that the fit has without alternatives. None if no mistake shows.
-  std::optional<Detectable> detectable(const AlternativeSums& sums, const AlternativeMotion& motion,
-                                       double non_centrality) const;
+  /// By an F test at this level with this power, with the noise and the size of errors that the fit has without
+  /// alternatives. None if no mistake shows.
+  std::optional<Detectable> detectable(const AlternativeSums& sums, const AlternativeMotion& motion, double level,
+                                       double power) const;
 
 private:
   struct Weights {

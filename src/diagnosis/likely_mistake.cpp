@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/distributions.hpp"
 #include "base/text.hpp"
 #include "diagnosis/changes_midway.hpp"
 #include "diagnosis/mistake_trial.hpp"
@@ -27,6 +26,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kFalseAlarm = 1e-5;  // of all trials of a kind
+constexpr double kRadius = 1.614;     // 95 % radius over the 3D RMS, of alike normal coordinates
 
 // Factors on lengths are linear near 1; larger ones are other units, or nothing but noise.
 MistakeTrial scale_trial(const std::string& which, double sigma) {
@@ -206,7 +206,6 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
                              const OrdinaryFit& fit, double uncertainty) {
   constexpr double kHopeless = -5.0;  // first evidence
   constexpr std::size_t kMostFitted = 8;
-  constexpr double kRadius = 1.614;  // 95 % radius over the 3D RMS, of alike normal coordinates
   std::vector<const MistakeFamily*> tried;
   for (const MistakeFamily& family : families) {
     if (family.best && family.evidence > kHopeless) {
@@ -252,22 +251,25 @@ struct Search {
   std::vector<DetectableMistake> detectable;
 };
 
-std::vector<DetectableMistake> detectable(const std::vector<MistakeFamily>& families,
-                                          const Explanations& explanations) {
+// `radius`: [m] of predictions. What moves them by less is no mistake that matters.
+std::vector<DetectableMistake> detectable(const std::vector<MistakeFamily>& families, const Explanations& explanations,
+                                          double radius) {
   constexpr double kPower = 0.8;
   std::vector<DetectableMistake> result;
   for (const MistakeFamily& family : families) {
     for (const MistakeTrial& trial : family.listed) {
-      const double wanted =
-          non_centrality(kFalseAlarm / family.trials, kPower, static_cast<double>(trial.sums.cross[0].cols()));
-      if (const auto least = explanations.detectable(trial.sums, trial.motion, wanted)) {
-        result.push_back({.cause = trial.cause,
-                          .subject = trial.subject,
-                          .estimate = *trial.unit != 0 ? trial.in_unit * std::abs(least->estimate[0]) : 0.0,
-                          .unit = trial.unit,
-                          .size = least->size,
-                          .moves = least->moves});
+      const auto least = explanations.detectable(trial.sums, trial.motion, kFalseAlarm / family.trials, kPower);
+      if (!least || !(least->moves > 0.0)) {
+        continue;
       }
+      const double matters = std::max(radius / std::min(least->moves, least->size), 1.0);
+      const double estimate = *trial.unit != 0 ? trial.in_unit * std::abs(least->estimate[0]) : 0.0;
+      result.push_back({.cause = trial.cause,
+                        .subject = trial.subject,
+                        .estimate = matters * estimate,
+                        .unit = trial.unit,
+                        .size = matters * least->size,
+                        .moves = matters * least->moves});
     }
   }
   return result;
@@ -287,7 +289,7 @@ Search best_mistake(const OrdinaryFit& fit, const FitToDoubt& doubted) {
     try_changes(fit, explanations, families);
   }
   return {.found = best_of(families, explanations, fit, doubted.uncertainty),
-          .detectable = detectable(families, explanations)};
+          .detectable = detectable(families, explanations, kRadius * std::hypot(doubted.uncertainty, fit.misfit()))};
 }
 
 }  // namespace

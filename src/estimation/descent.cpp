@@ -154,10 +154,10 @@ private:
 
   // Weakly determined directions may be followed slowly.
   bool moves_within_uncertainty() const {
-    constexpr double kLittle = 1e-3;  // sigma
+    constexpr double kShare = 1e-3;  // of a standard deviation
     const double freedom = static_cast<double>(problem_.equations() - problem_.columns());
     return phase_ == Phase::gauss_newton && result_.iterations > 1 && freedom > 0.0 &&
-           predicted_reduction_ < kLittle * kLittle * equations_.cost / freedom;
+           predicted_reduction_ < kShare * kShare * equations_.cost / freedom;
   }
 
   // Whether the excess over the goal did not halve; false below the goal, and without one, as it is infinite.

@@ -99,17 +99,13 @@ double JointRegistration::fit(Frames& frames, int steps) const {
 void JointRegistration::place(Frames& frames) const {
   constexpr double kRidge = 1e-6;
   const NormalEquations equations = linearise(frames);
-  std::vector<Index> columns;
-  for (Index column = 0; column < equations.gradient.size(); ++column) {
-    if (column % 6 < 3) {
-      columns.push_back(column);
-    }
+  VectorXd is_place = VectorXd::Zero(equations.gradient.size());
+  for (Index column = 0; column < is_place.size(); ++column) {
+    is_place[column] = column % 6 < 3 ? 1.0 : 0.0;
   }
-  VectorXd step = VectorXd::Zero(equations.gradient.size());
-  MatrixXd information = equations.hessian(columns, columns);
+  MatrixXd information = is_place.asDiagonal() * equations.hessian * is_place.asDiagonal();
   information.diagonal().array() += kRidge * information.trace();
-  step(columns) = VectorXd(information.ldlt().solve(VectorXd(equations.gradient(columns))));
-  frames = moved(frames, step);
+  frames = moved(frames, information.ldlt().solve(is_place.cwiseProduct(equations.gradient)));
 }
 
 int JointRegistration::open_directions(const Frames& frames) const {

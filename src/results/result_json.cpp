@@ -194,14 +194,14 @@ Json budget_json(const NoiseReport& noise, const PredictedAccuracy& predicted) {
   const double point = factor * noise.independent.squaredNorm();
   const double repeat = factor * noise.common.squaredNorm();
   const double misfit = 3.0 * (noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit);
-  const double both = predicted.within.count > 0 ? std::pow(predicted.within.rms, 2) : kInfinity;
-  const double assumptions = std::min(std::pow(predicted.of_assumptions, 2), both);
-  const double total = std::sqrt(point + repeat + misfit + both);
+  const double parameters = predicted.unseen.count > 0 ? predicted.unseen.rms : kInfinity;
+  const double assumptions = predicted.of_assumptions;
+  const double total = std::sqrt(point + repeat + misfit + parameters * parameters + assumptions * assumptions);
   return {{"of_point", std::sqrt(point)},
           {"of_repeat", std::sqrt(repeat)},
           {"of_misfit", std::sqrt(misfit)},
-          {"of_parameters", finite_or_null(std::sqrt(both - assumptions))},
-          {"of_assumptions", std::sqrt(assumptions)},
+          {"of_parameters", finite_or_null(parameters)},
+          {"of_assumptions", assumptions},
           {"total", finite_or_null(total)},
           {"expanded", finite_or_null(kCoverage * total)}};
 }
@@ -220,7 +220,7 @@ Json earlier_json(const EarlierComparison& comparison) {
 Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise, bool in_base) {
   Json result = {{"budget", budget_json(noise, predicted)},
                  {"measured", statistics_json(predicted.measured)},
-                 {"within", statistics_json(predicted.within)},
+                 {"unseen", statistics_json(predicted.unseen)},
                  {"workspace", statistics_json(predicted.workspace)},
                  {"cell", predicted.cell},
                  {"radius_factor", predicted.region.radius_factor},

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "estimation/least_squares.hpp"
+#include "estimation/prediction.hpp"
 #include "measurements/stations.hpp"
 
 namespace kdl_calibration {
@@ -42,7 +43,7 @@ RowsOf<N> stated(const Measurements& measurements, RowsOf<N> rows) {
   return rows;
 }
 
-using Disturbance = std::function<void(Observation&)>;
+using Disturbance = std::function<void(Observation& o, std::size_t row)>;
 
 // Adds errors of `rows`.
 class Disturbances {
@@ -55,7 +56,7 @@ public:
   void add(const Disturbance& disturb, const std::vector<std::size_t>& rows) {
     Measurements measurements = fit_.measurements;
     for (const std::size_t row : rows) {
-      disturb(measurements.observations[row]);
+      disturb(measurements.observations[row], row);
     }
     steps_.push_back(unit_covariance_ * (gradient(measurements) - undisturbed_));
   }
@@ -81,25 +82,36 @@ private:
   std::vector<Eigen::VectorXd> steps_;
 };
 
-// The mean measured position of each station. A factor about it leaves the middle of the measured region in place, as
-// for everything that the same device measures there.
-std::vector<Vector3d> centroids(const Measurements& measurements) {
-  std::vector<Vector3d> sums(measurements.stations.size(), Vector3d::Zero());
+// A row's point as predicted, and from the middle of those of its station. A factor about the middle leaves it in
+// place, as for everything that the same device measures there.
+struct PredictedRow {
+  Vector3d point;
+  Vector3d from_middle;
+};
+
+std::vector<PredictedRow> predicted_rows(const FitProblem& fit) {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(fit.model, fit.start, fit.measurements);
+  std::vector<PredictedRow> result;
+  std::vector<Vector3d> sums(fit.measurements.stations.size(), Vector3d::Zero());
   std::vector<double> counts(sums.size(), 0.0);
-  for (const Observation& row : measurements.observations) {
-    sums[station_of(row)] += row.position();
+  for (const Observation& row : fit.measurements.observations) {
+    result.push_back({.point = predicted_point(fit.start, X_BF, row), .from_middle = {}});
+    sums[station_of(row)] += result.back().point;
     counts[station_of(row)] += 1.0;
   }
-  for (std::size_t station = 0; station < sums.size(); ++station) {
-    sums[station] /= std::max(counts[station], 1.0);
+  for (std::size_t row = 0; row < result.size(); ++row) {
+    const std::size_t station = station_of(fit.measurements.observations[row]);
+    result[row].from_middle = result[row].point - sums[station] / counts[station];
   }
-  return sums;
+  return result;
 }
 
-void make_longer(Observation& row, const Vector3d& about, double scale) {
-  row.position() += scale * (row.position() - about);
+// Moves the measured point, along what is measured of it.
+void move(Observation& row, const Vector3d& point, const Vector3d& step) {
   if (auto* const distance = std::get_if<Distance>(&row.reading)) {
-    distance->length *= 1.0 + scale;
+    distance->length += (point - distance->anchor).stableNormalized().dot(step);
+  } else {
+    row.position() += step;
   }
 }
 
@@ -112,13 +124,15 @@ MatrixXd considered_steps(const FitProblem& fit, const MatrixXd& unit_covariance
   std::iota(all.begin(), all.end(), std::size_t{0});
   Disturbances result(fit, unit_covariance);
   if (sigmas.scale > 0.0) {
-    const std::vector<Vector3d> about = centroids(fit.measurements);
-    result.add([&](Observation& row) { make_longer(row, about[station_of(row)], sigmas.scale); }, all);
+    const std::vector<PredictedRow> predicted = predicted_rows(fit);
+    result.add([&](Observation& o,
+                   std::size_t row) { move(o, predicted[row].point, sigmas.scale * predicted[row].from_middle); },
+               all);
   }
   if (sigmas.zero > 0.0) {
     result.add(
-        [&](Observation& row) {
-          if (auto* const distance = std::get_if<Distance>(&row.reading)) {
+        [&](Observation& o, std::size_t /*row*/) {
+          if (auto* const distance = std::get_if<Distance>(&o.reading)) {
             distance->length += sigmas.zero;
           }
         },
@@ -138,11 +152,14 @@ MatrixXd considered_steps(const FitProblem& fit, const MatrixXd& unit_covariance
   }
   for (const auto& [place, rows] : stated(fit.measurements, std::move(places))) {
     for (int axis = 0; axis < 3; ++axis) {
-      result.add([&](Observation& row) { row.position()[axis] += sigmas.length / std::numbers::sqrt2; }, rows);
+      result.add(
+          [&](Observation& o, std::size_t /*row*/) { o.position()[axis] += sigmas.length / std::numbers::sqrt2; },
+          rows);
     }
   }
   for (const auto& [length, rows] : stated(fit.measurements, std::move(lengths))) {
-    result.add([&](Observation& row) { std::get<Distance>(row.reading).length += sigmas.length; }, rows);
+    result.add([&](Observation& o, std::size_t /*row*/) { std::get<Distance>(o.reading).length += sigmas.length; },
+               rows);
   }
   return result.steps();
 }

@@ -64,9 +64,11 @@ TEST(Binomial, UpperTailIsTheSumOfItsTerms) {
 
 // Baarda (1968): 17.075 for one condition, a level of 0.1 % and a power of 80 %.
 TEST(ChiSquared, NonCentralityIsThatOfBaardasTable) {
-  EXPECT_NEAR(non_centrality(0.001, 0.8, 1.0), 17.075, 1e-3);
-  EXPECT_NEAR(non_centrality(0.05, 0.5, 1.0), 1.96 * 1.96, 2e-2);  // half of a normal value beyond its limit
-  EXPECT_GT(non_centrality(0.001, 0.8, 6.0), non_centrality(0.001, 0.8, 1.0));
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_NEAR(non_centrality(0.001, 0.8, 1.0, infinity), 17.075, 1e-3);
+  EXPECT_NEAR(non_centrality(0.05, 0.5, 1.0, infinity), 1.96 * 1.96, 2e-2);  // half of a normal value beyond its limit
+  EXPECT_GT(non_centrality(0.001, 0.8, 6.0, infinity), non_centrality(0.001, 0.8, 1.0, infinity));
+  EXPECT_GT(non_centrality(0.001, 0.8, 1.0, 10.0), non_centrality(0.001, 0.8, 1.0, infinity));
 }
 
 // Against all orders of a few values.

@@ -297,6 +297,12 @@ DenseNoise weighed_as_by(const CalibrationResult& found, const DenseNoise& noise
   return weighed;
 }
 
+// Lengths of the simulated devices have no error.
+CalibrationSettings by_exact_device(CalibrationSettings options) {
+  options.noise.scale_sigma = 0.0;
+  return options;
+}
+
 // Estimate, variance factor and covariance of a calibration are those of the dense problem.
 void expect_dense_fit(const Measured& arm, const CalibrationResult& found, const DenseNoise& noise) {
   ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
@@ -330,7 +336,7 @@ TEST(WholeFitOfEveryKind, MeasuredOrientationsWithEveryNoiseAreTheDenseFit) {
         continue;  // repeats make no difference there
       }
       SCOPED_TRACE(statement.name + ", repeats " + std::to_string(repeats));
-      expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options), statement.dense);
+      expect_dense_fit(arm, calibrate(arm.model, arm.measured, by_exact_device(statement.options)), statement.dense);
     }
   }
 }
@@ -353,7 +359,7 @@ TEST(WholeFitOfEveryKind, KnownFramesWithEveryNoiseAreTheDenseFit) {
       } else {
         options.parameters.known.targets = targets;
       }
-      const CalibrationResult calibration = calibrate(arm.model, arm.measured, options);
+      const CalibrationResult calibration = calibrate(arm.model, arm.measured, by_exact_device(options));
       expect_dense_fit(arm, calibration, statement.dense);
       const Estimate& found = calibration.fit.identification.estimate;
       if (known_base) {
@@ -382,7 +388,7 @@ TEST(WholeFitOfEveryKind, SigmasOfRowsStandBeforeWhatIsStatedForAll) {
     const auto stated = statement.dense.position;
     const auto position = [=](const Observation& o) { return o.sigma > 0.0 ? isotropic(o.sigma) : stated(o); };
     const double orientation = statement.options.noise.stated.orientation;
-    expect_dense_fit(arm, calibrate(arm.model, arm.measured, statement.options),
+    expect_dense_fit(arm, calibrate(arm.model, arm.measured, by_exact_device(statement.options)),
                      dense_noise(position, orientation, statement.dense.common));
   }
 }
@@ -417,7 +423,7 @@ TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePla
   const Measured poses = posed_arm(7, 1);
   const Measured repeated_poses = posed_arm(7, 2);
   for (const Measured* arm : {&points, &repeated, &poses, &repeated_poses}) {
-    const CalibrationResult plain = calibrate(arm->model, arm->measured, kFitAlone);
+    const CalibrationResult plain = calibrate(arm->model, arm->measured, by_exact_device(kFitAlone));
     const DenseNoise equal = weighed_as_by(plain, dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0));
     const DenseFit dense(arm->model, arm->measured, plain.fit.free, equal);
     const double freedom = static_cast<double>(dense.equations() - dense.columns());
@@ -425,9 +431,9 @@ TEST(WholeFitOfEveryKind, PriorsWithoutStatedNoiseAreThoseBesideTheNoiseOfThePla
     EXPECT_NEAR(sigma, 1e-4, 4e-4 / std::sqrt(2.0 * freedom));
     CalibrationSettings options = kFitAlone;
     options.selection.priors = {.length = 2e-4, .angle = 2e-4};
-    const CalibrationResult unstated = calibrate(arm->model, arm->measured, options);
+    const CalibrationResult unstated = calibrate(arm->model, arm->measured, by_exact_device(options));
     options.noise.stated.independent.setConstant(sigma);
-    const CalibrationResult stated = calibrate(arm->model, arm->measured, options);
+    const CalibrationResult stated = calibrate(arm->model, arm->measured, by_exact_device(options));
     const auto difference = [&](const CalibrationResult& other) {
       return difference_in_sigmas(unstated.fit.identification.estimate, other.fit.identification.estimate,
                                   stated.fit.free, stated.uncertainty.covariance);
@@ -449,9 +455,9 @@ TEST(WholeFitOfEveryKind, SizesOfPriorsAreThoseOfTheResidualsWhateverNoiseIsStat
   const Measured arm(8, published_targets(), 14, {.sigma = 2e-4});
   CalibrationSettings options{.noise = {.weights = Weights::equal}, .diagnosis = {.try_readings = false}};
   options.selection.automatic_priors = true;
-  const CalibrationResult unstated = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult unstated = calibrate(arm.model, arm.measured, by_exact_device(options));
   options.noise.stated.independent.setConstant(1e-4);
-  const CalibrationResult stated = calibrate(arm.model, arm.measured, options);
+  const CalibrationResult stated = calibrate(arm.model, arm.measured, by_exact_device(options));
   ASSERT_EQ(unstated.selection.tried.size(), 2U);  // none, and of these sizes
   for (std::size_t i = 0; i < 2; ++i) {
     EXPECT_NEAR(unstated.selection.tried[i].priors.length, stated.selection.tried[i].priors.length,
@@ -482,7 +488,7 @@ TEST(WholeFitOfEveryKind, RobustLossesWithEveryNoiseAreDenseFitsWithTheirWeights
       SCOPED_TRACE(statement.name + (loss == Loss::huber ? ", Huber" : ", Tukey"));
       CalibrationSettings options = statement.options;
       options.estimator.loss = loss;
-      const CalibrationResult found = calibrate(arm.model, arm.measured, options);
+      const CalibrationResult found = calibrate(arm.model, arm.measured, by_exact_device(options));
       ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
       const Estimate& estimate = found.fit.identification.estimate;
       DenseNoise weighed = statement.dense;
@@ -535,7 +541,7 @@ TEST(WholeFitOfEveryKind, FewDegreesOfFreedomGiveTheVarianceOfTheTextbook) {
   for (const int freedom : {1, 2, 3}) {
     SCOPED_TRACE(freedom);
     const Tight tight(freedom, 9);
-    const CalibrationResult found = calibrate(tight.arm.model, tight.arm.measured, tight.options);
+    const CalibrationResult found = calibrate(tight.arm.model, tight.arm.measured, by_exact_device(tight.options));
     ASSERT_EQ(found.fit.identification.termination, Termination::converged) << found.fit.identification.message;
     EXPECT_EQ(found.noise.degrees_of_freedom, freedom);
     const DenseNoise equal = dense_noise([](const Observation&) { return isotropic(1.0); }, 0.0);
@@ -660,7 +666,7 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
   const Measurements absent = subset(arm.measured, [](const Observation& o) { return o.split == Split::train; });
   for (const auto& [name, options] : cases) {
     SCOPED_TRACE(name);
-    const CalibrationResult found = calibrate(arm.model, arm.measured, options);
+    const CalibrationResult found = calibrate(arm.model, arm.measured, by_exact_device(options));
     const CalibrationResult after = calibrate(arm.model, spoilt, options);
     const std::vector<double> expected = fitted_numbers(found, arm.measured.observations);
     EXPECT_TRUE(same_bytes(fitted_numbers(after, spoilt.observations), expected)) << "spoilt test rows";

@@ -211,6 +211,14 @@ std::vector<OptionCase> noise_options() {
              TrackerNoise{.range = 1e-5, .range_per_metre = 1e-6, .transverse = 2e-5, .transverse_per_metre = 3e-6};
        }),
        kMeasured},
+      {"ScaleSigmaIsOfAllLengths",
+       {"--scale-sigma", "2e-4"},
+       is_library([](auto& o) { o.noise.scale_sigma = 2e-4; }),
+       kMeasured},
+      {"LengthSigmaIsOfStatedDistances",
+       {"--length-sigma", "3e-4"},
+       is_library([](auto& o) { o.noise.length_sigma = 3e-4; }),
+       kMeasured},
       {"OrientationSigmaIsOfMeasuredPoses",
        {"--orientation-sigma", "3e-4"},
        is_library(

@@ -61,8 +61,8 @@ TEST(PointTrial, RoundingIsTheLargestStepOfWhichAllCoordinatesAreMultiples) {
       o.position() = (o.position() / step).array().round() * step;
     }
     EXPECT_EQ(rounding_of(rounded), step);
-    rounded.observations[7].position().z() += 0.1 * step;
-    EXPECT_LT(rounding_of(rounded), step);
+    rounded.observations[7].position().z() += 0.013 * step;
+    EXPECT_EQ(rounding_of(rounded), 0.0);
   }
 }
 

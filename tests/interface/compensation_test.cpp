@@ -371,6 +371,7 @@ TEST(Compensation, BringsTheTrueRobotWhereItsUncertaintySays) {
   constexpr int kPoints = 50;
   const CalibrationOptions plain{.priors = {.automatic = false},
                                  .effects = {.automatic = false},
+                                 .noise = {.scale_sigma = 0.0},
                                  .validation = {.held_out = false},
                                  .diagnosis = {.try_readings = false}};
   double before = 0.0;

@@ -281,7 +281,7 @@ TEST(Stations, AutomaticChoicesAndFoldsWorkWithSeveral) {
   const Calibration found = calibrate(bundled_robot(), experiment.measured(36, 3e-5));
   EXPECT_TRUE(found.trusted());
   EXPECT_THAT(found.parts().fitted->selection.not_tried,
-              HasSubstr("other readings of the data but of its lengths (several stations)"));
+              HasSubstr("other readings of the joints (several stations)"));
   ASSERT_TRUE(found.accuracy().leave_one_out);
   const double before = found.accuracy().leave_one_out->before.rms;
   const double after = found.accuracy().leave_one_out->after.rms;

@@ -280,6 +280,8 @@ Case made_up() {
   found.fit.robust.weights = {0.25, 0.5};
   found.difference_to_kdl = 1e-15;
   found.uncertainty.predicted.measured = made(23);
+  found.uncertainty.predicted.unseen = made(25);
+  found.uncertainty.predicted.of_assumptions = 0.5;
   found.uncertainty.predicted.workspace = made(24);
   found.uncertainty.predicted.cell = 0.5;
   found.uncertainty.predicted.region = {.radius_factor = 1.75, .largest_variance = 0.25, .joints = {{-1.0, 2.0}}};
@@ -414,14 +416,16 @@ TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
   for (const auto& [part, square] : std::map<std::string, double>{{"of_point", 1.25 * (0.04 + 0.09 + 0.16)},
                                                                   {"of_repeat", 1.25 * (0.25 + 0.36 + 0.49)},
                                                                   {"of_misfit", 3.0 * (0.64 + 0.81)},
-                                                                  {"of_parameters", 23.2 * 23.2},
-                                                                  {"total", 0.3625 + 1.375 + 4.35 + 538.24},
-                                                                  {"expanded", 4.0 * 544.3275}}) {
+                                                                  {"of_parameters", 25.2 * 25.2},
+                                                                  {"of_assumptions", 0.25},
+                                                                  {"total", 0.3625 + 1.375 + 4.35 + 635.04 + 0.25},
+                                                                  {"expanded", 4.0 * 641.3775}}) {
     EXPECT_NEAR(predicted["budget"][part], std::sqrt(square), 1e-12) << part;
   }
   predicted.erase("budget");
   predicted.erase("asked");
   EXPECT_EQ(predicted, (Json{{"measured", made_json(23)},
+                             {"unseen", made_json(25)},
                              {"workspace", made_json(24)},
                              {"cell", 0.5},
                              {"radius_factor", 1.75},

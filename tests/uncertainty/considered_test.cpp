@@ -42,7 +42,16 @@ struct Ended {
     for (Observation& row : rows.observations) {
       disturb(row);
     }
-    return free.values(fit(with_measurements(problem, rows)).estimate) - free.values(problem.start);
+    const Estimate end = fit(with_measurements(problem, rows)).estimate;
+    VectorXd step = free.values(end) - free.values(problem.start);
+    // A base moves in its own frame.
+    const Eigen::Isometry3d motion = problem.start.frames.base().inverse() * end.frames.base();
+    const Eigen::AngleAxisd turn(motion.linear());
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      step[free.base_columns(0)[static_cast<std::size_t>(axis)]] = motion.translation()[axis];
+      step[free.base_columns(0)[static_cast<std::size_t>(3 + axis)]] = turn.angle() * turn.axis()[axis];
+    }
+    return step;
   }
 };
 

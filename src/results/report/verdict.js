@@ -185,7 +185,7 @@ function budgetTable() {
   if (!budget) return null;
   const share = (value) => (budget.total ? fixed((100 * value * value) / (budget.total * budget.total), 1) : null);
   const parts = [["single point", budget.of_point], ["repeat: shared by its points", budget.of_repeat], ["misfit of the model", budget.of_misfit],
-    ["parameters, within the measured joint ranges", budget.of_parameters],
+    ["parameters, at left-out configurations", budget.of_parameters],
     ["taken as true: scale, stated lengths", budget.of_assumptions]];
   return [el("h3", {}, "Uncertainty budget of a new measured point"),
     table(["source", " 1 σ [mm]", " share [%]"], [...parts.map(([name, value]) => [name, mm(value), share(value)]),
