@@ -18,6 +18,7 @@
 #include "calibration/parameter_estimates.hpp"
 #include "calibration/predicted_accuracy.hpp"
 #include "calibration/validation_stage.hpp"
+#include "estimation/prediction.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -348,9 +349,20 @@ std::vector<QualityFinding> screened(const FitProblem& problem, const Measuremen
   });
 }
 
+// A calibration before it is doubted.
+struct Calibrated {
+  CalibrationResult result;
+  std::vector<QualityFinding> findings;
+  GrossRows gross_rows;
+  std::string ambiguity;              // of the registration
+  std::vector<std::string> warnings;  // of the validation
+};
+
+enum class GrossRowSearch { yes, no };
+
 // `zero`: of the distances, if it is known already.
-CalibrationResult calibrated(const ErrorModel& arm, const Measurements& measurements,
-                             const CalibrationSettings& options, std::optional<DistanceZero> zero) {
+Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
+                      GrossRowSearch search, std::optional<DistanceZero> zero = std::nullopt) {
   const TrainingRows rows(measurements);
   const ErrorModel model = at_stations_of(*rows, arm);
   require_rows_of_each_station(measurements, *rows);
@@ -361,7 +373,7 @@ CalibrationResult calibrated(const ErrorModel& arm, const Measurements& measurem
   if (!zero) {
     zero = zero_of_distances(stated);
     if (zero && zero->length != 0.0) {
-      return calibrated(arm, from_zero(measurements, zero->length), options, zero);
+      return calibrated(arm, from_zero(measurements, zero->length), options, search, zero);
     }
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
@@ -400,7 +412,7 @@ CalibrationResult calibrated(const ErrorModel& arm, const Measurements& measurem
       at_optimum(fitted), covariance(assessed.root, 1.0),
       {.scale = options.noise.scale_sigma, .length = options.noise.length_sigma, .zero = zero ? zero->sigma : 0.0});
   assessed.covariance += assumed * assumed.transpose();
-  GrossRows gross = gross_rows(fitted, options);
+  GrossRows gross = search == GrossRowSearch::yes ? gross_rows(fitted, options) : GrossRows();
   result.distance_zero = zero;
   result.noise = noise_report(assessed.noise, fitted.problem, options);
   result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
@@ -411,23 +423,66 @@ CalibrationResult calibrated(const ErrorModel& arm, const Measurements& measurem
   result.accuracy = validated.accuracy;
   result.held_out_points = std::move(validated.held_out_points);
   result.exported = std::move(validated.exported);
-  result.diagnosis = diagnose(
-      result, measurements, std::move(findings), std::move(gross),
-      {options.diagnosis, options.parameters, robot.ambiguity, validated.warnings, options.threads, options.progress});
-  if (result.exported.nominal_kept) {
-    result.accuracy = with_nominal_exported(result.accuracy);
-  }
   if (options.diagnosis.convention) {
     result.offsets_alone = fitted_offsets_alone(rigid, rigid_fit.free);
   }
-  return result;
+  return {std::move(result), std::move(findings), std::move(gross), robot.ambiguity, std::move(validated.warnings)};
+}
+
+// Gross rows with the figures of a calibration without them. Those of the search are of its own models and priors.
+GrossRows with_figures_of_calibration(GrossRows gross, const ErrorModel& arm, Measurements measurements,
+                                      CalibrationSettings options) {
+  if (gross.rows.empty()) {
+    return gross;
+  }
+  std::vector<std::vector<std::size_t>> indices;
+  for (const GrossRow& row : gross.rows) {
+    std::vector<std::size_t>& of_row = indices.emplace_back();
+    for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
+      Observation& o = measurements.observations[i];
+      const bool named = measurements.configurations[static_cast<std::size_t>(o.configuration)] == row.configuration &&
+                         (row.target.empty() || measurements.targets[static_cast<std::size_t>(o.target)] == row.target);
+      if (named && o.split == Split::train) {
+        o.split = Split::test;
+        of_row.push_back(i);
+      }
+    }
+  }
+  options.validation = {.held_out = false};
+  options.predict_at = {};
+  const CalibrationResult without = calibrated(arm, measurements, options, GrossRowSearch::no).result;
+  const Estimate& estimate = without.fit.identification.estimate;
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(without.model, estimate, measurements);
+  for (std::size_t r = 0; r < indices.size(); ++r) {
+    gross.rows[r].distance = 0.0;
+    for (const std::size_t i : indices[r]) {
+      gross.rows[r].distance = std::max(gross.rows[r].distance,
+                                        measured_minus_predicted(measurements.observations[i], estimate, X_BF).norm());
+    }
+  }
+  gross.rms_without = without.accuracy.train.after.rms;
+  return gross;
 }
 
 }  // namespace
 
 CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measurements,
                             const CalibrationSettings& options) {
-  return calibrated(arm, measurements, options, std::nullopt);
+  Calibrated found = calibrated(arm, measurements, options, GrossRowSearch::yes);
+  CalibrationResult& result = found.result;
+  std::optional<Measurements> shorter;
+  if (result.distance_zero && result.distance_zero->length != 0.0) {
+    shorter = from_zero(measurements, result.distance_zero->length);
+  }
+  const Measurements& fitted = shorter ? *shorter : measurements;
+  GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, fitted, options);
+  result.diagnosis = diagnose(
+      result, fitted, std::move(found.findings), std::move(gross),
+      {options.diagnosis, options.parameters, found.ambiguity, found.warnings, options.threads, options.progress});
+  if (result.exported.nominal_kept) {
+    result.accuracy = with_nominal_exported(result.accuracy);
+  }
+  return std::move(found.result);
 }
 
 }  // namespace kdl_calibration

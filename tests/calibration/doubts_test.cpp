@@ -793,6 +793,23 @@ TEST(Mistakes, SlipsAreNamedAndTypingErrorsAreFindings) {
   EXPECT_EQ(named_of(2, kTypingError), 2U);
 }
 
+// A user who leaves the named rows out gets the figures that were said of them.
+TEST(Mistakes, FiguresOfGrossRowsAreThoseOfACalibrationWithoutThem) {
+  constexpr double kOff = 0.005;  // [m]
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+    Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), seed, {.configurations = 14, .effect = 3e-4});
+    for_rows(m, [&](Observation& o) { o.position().x() += o.configuration == 4 ? kOff : 0.0; });
+    const CalibrationResult found = calibrate(m.model, m.data, kAutomatic);
+    const GrossRows& gross = found.diagnosis.gross_rows;
+    ASSERT_THAT(gross.rows, ::testing::SizeIs(1)) << said(found);
+    const std::string& name = gross.rows.front().configuration;
+    ASSERT_EQ(name, m.data.configurations[4]);
+    EXPECT_NEAR(gross.rows.front().distance, kOff, 0.1 * kOff) << "seed " << seed;
+    const CalibrationResult without = calibrate(m.model, without_rows(m.data, {name}), kAutomatic);
+    EXPECT_NEAR(gross.rms_without, without.accuracy.train.after.rms, 1e-9) << "seed " << seed;
+  }
+}
+
 // What 98 % give at least in 200 draws, two standard deviations of the count below their mean.
 constexpr std::uint64_t kOfTwoHundred = 192;
 
