@@ -215,7 +215,7 @@ private:
                                                                  .registration = options_.registration,
                                                                  .joint = other,
                                                                  .threads = options_.threads});
-    const double readings = 2.0 + static_cast<double>(trials.size());
+    const double readings = 3.0 + static_cast<double>(trials.size());
     double best = fitted_;
     const auto consider = [&](Cause cause, const std::string& what, double left) {
       if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
@@ -240,6 +240,10 @@ private:
     }
     consider(Cause::mirrored, "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
              trial(mirrored(sample_.measurements), other));
+    if (const auto inverted = with_poses_inverted(measurements_)) {
+      consider(Cause::tool_frame, "every pose inverted (they are poses of the world seen from the tool; invert them)",
+               trial(trial_sample(model_, *inverted, sample_.free, kMostSampled).measurements, other));
+    }
     if (const auto exchange = exchanged_targets(X_BF_, sample_.measurements, options_.registration)) {
       const auto& names = sample_.measurements.targets;
       consider(Cause::exchanged_targets,

@@ -57,6 +57,16 @@ Measurements mirrored(Measurements measurements) {
   return without_orientations(std::move(measurements));
 }
 
+std::optional<Measurements> with_poses_inverted(Measurements measurements) {
+  if (!std::all_of(measurements.observations.begin(), measurements.observations.end(), has_orientation)) {
+    return std::nullopt;
+  }
+  for (Observation& observation : measurements.observations) {
+    observation.reading = Point{-(observation.orientation()->conjugate() * observation.position())};
+  }
+  return measurements;
+}
+
 Measurements divided(Measurements measurements, const Vector3d& factors) {
   for (Observation& observation : measurements.observations) {
     observation.position() = observation.position().cwiseQuotient(factors);

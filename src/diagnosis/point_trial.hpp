@@ -17,6 +17,10 @@ namespace kdl_calibration {
 /// rotation.
 Measurements mirrored(Measurements measurements);
 
+/// The positions of the inverse poses; empty if some row is no pose. A camera on the flange that looks at a board gives
+/// poses of the world seen from the tool.
+std::optional<Measurements> with_poses_inverted(Measurements measurements);
+
 /// Scale of each coordinate relative to the nominal robot (above 1: too large), by linear least squares of
 ///   A z - c - X_BF t = 0
 /// for any 3 x 3 matrix A, c and t: the inverse norms of the columns of A. Empty if the data do not determine it.

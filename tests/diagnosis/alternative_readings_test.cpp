@@ -286,6 +286,24 @@ TEST(AlternativeReadings, TellPointsThatHardlyMoveWhileTheFlangeDoes) {
   EXPECT_TRUE(has(suspicions_of_frames(m), "tool_frame"));
 }
 
+// A camera on the flange that looks at a board.
+TEST(AlternativeReadings, TellPosesOfTheWorldSeenFromTheTool) {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+    for (const ErrorModel* model : both_arms()) {
+      Measured m = measured(*model, seed, {.configurations = 40, .targets = 1, .poses = true});
+      EXPECT_FALSE(has(suspicions_of(m), "tool_frame"));
+      for_rows(m, [](Observation& o) {
+        const Eigen::Isometry3d X_WT = Eigen::Translation3d(o.position()) * *o.orientation();
+        const Eigen::Isometry3d X_TW = X_WT.inverse();
+        o.reading = Pose{X_TW.translation(), Eigen::Quaterniond(X_TW.linear())};
+      });
+      const std::vector<AlternativeReading> found = suspicions_of(m);
+      EXPECT_THAT(causes(found), ElementsAre("tool_frame")) << "seed " << seed << "\n" << text(found);
+      EXPECT_THAT(text(found), HasSubstr("poses of the world seen from the tool; invert them"));
+    }
+  }
+}
+
 // ---- gains ---------------------------------------------------------------------------------------------------------
 
 TEST(AlternativeReadings, SayByHowMuchAJointMovesOtherwiseAndWhetherOthersDo) {
