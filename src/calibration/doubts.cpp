@@ -137,13 +137,19 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
                                 "configurations, in which every joint turns and the tool points elsewhere"}};
 }
 
+// Whether the nominal robot is kept because it is exact: both robots predict what was left out but for rounding.
+bool is_exact_as_read(const CalibrationResult& found) {
+  return is_no_better_than_nominal(found.accuracy) && found.accuracy.held_out()->after.rms < kSmallest;
+}
+
 Doubts of_predictions(const CalibrationResult& found) {
   Doubts doubts;
   const auto worse = [&](const BeforeAfter& errors, const std::string& where) {
     return "the calibrated robot is no better than the nominal one " + where + ": " + in_millimetres(errors.after.rms) +
            " against " + in_millimetres(errors.before.rms);
   };
-  if (found.accuracy.test && found.accuracy.test->after.rms > found.accuracy.test->before.rms) {
+  if (found.accuracy.test && found.accuracy.test->after.rms > found.accuracy.test->before.rms &&
+      !(found.accuracy.test->after.rms < kSmallest)) {
     doubts.push_back({.cause = Cause::worse_than_nominal,
                       .message = worse(*found.accuracy.test, "at the test rows") +
                                  "; check that they were measured under the same conditions and in the same region"});
@@ -157,7 +163,7 @@ Doubts of_predictions(const CalibrationResult& found) {
                                              "test or left-out configuration says otherwise; measure more",
                                              in_millimetres(uncertain.rms), in_millimetres(nominal))});
   }
-  if (is_no_better_than_nominal(found.accuracy)) {
+  if (is_no_better_than_nominal(found.accuracy) && !is_exact_as_read(found)) {
     doubts.push_back(
         {.cause = Cause::worse_than_nominal,
          .message = worse(*found.accuracy.held_out(),
@@ -505,6 +511,11 @@ std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosi
                                  std::sqrt(found.noise.variance_factor),
                                  found.noise.parts ? "what is beyond it counts as misfit of the model"
                                                    : "the uncertainties were scaled up by that"));
+  }
+  if (is_exact_as_read(found)) {
+    result.push_back("the nominal robot is kept because it is exact: it predicts left-out configurations to " +
+                     in_millimetres(found.accuracy.held_out()->before.rms) +
+                     "; positions that were computed from it instead of measured look like this");
   }
   constexpr double kFew = 10.0;
   if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < kFew) {

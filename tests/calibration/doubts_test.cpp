@@ -189,6 +189,8 @@ TEST(DoubtsByHand, PredictionsNoBetterThanTheNominalOnes) {
                  {"a better held-out error", held_out(1.001e-3, 1e-3), {}},
                  {"one as good", held_out(1e-3, 1e-3), kept},
                  {"none that is finite", held_out(1e-3, kInfinity), kept},
+                 {"an exact nominal robot", held_out(4e-13, 5e-13), {}},
+                 {"the same at test rows", test(4e-13, 5e-13), {}},
                  {"test rows outside their radius beyond chance", outside(9.9e-4), {"test_rows_differ: "}},
                  {"test rows outside by chance", outside(1.01e-3), {}}});
   // Where nothing else tells: more uncertain than the nominal robot is wrong.
@@ -808,6 +810,24 @@ TEST(Mistakes, FiguresOfGrossRowsAreThoseOfACalibrationWithoutThem) {
     const CalibrationResult without = calibrate(m.model, without_rows(m.data, {name}), kAutomatic);
     EXPECT_NEAR(gross.rms_without, without.accuracy.train.after.rms, 1e-9) << "seed " << seed;
   }
+}
+
+TEST(Mistakes, AnArmWithoutErrorsThatWasMeasuredWithoutNoiseIsTrusted) {
+  std::size_t kept = 0;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), seed, {.length = 0.0, .angle = 0.0, .noise = 0.0});
+    for (Observation& o : m.data.observations) {
+      o.split = o.configuration % 5 == 0 ? Split::test : Split::train;
+    }
+    const CalibrationResult found = calibrate(m.model, m.data);
+    EXPECT_TRUE(found.trusted()) << "seed " << seed << "\n" << said(found);
+    kept += found.exported.nominal_kept ? 1U : 0U;
+    EXPECT_EQ(found.exported.nominal_kept,
+              ::testing::Matches(::testing::Contains(
+                  ::testing::HasSubstr("the nominal robot is kept because it is exact")))(found.diagnosis.warnings))
+        << "seed " << seed;
+  }
+  EXPECT_GT(kept, 0U);
 }
 
 // What 98 % give at least in 200 draws, two standard deviations of the count below their mean.
