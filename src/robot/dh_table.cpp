@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <set>
 #include <utility>
 
@@ -25,6 +26,7 @@ namespace {
 using tree::Json;
 using tree::Node;
 
+constexpr double kLongest = 50.0;  // [m] of any robot
 const std::string kTipJoint = "tool0_fixed_joint";
 
 /// A quantity of a row and its kind.
@@ -79,7 +81,17 @@ double dh_quantity(const Node& node, std::string_view name, std::optional<std::s
   if (unit == Unit::none || length != (unit == Unit::m || unit == Unit::mm)) {
     throw InputError(node.where + ": unit " + shown(*unit_text) + " is not accepted, " + expected);
   }
-  return to_si(dh_number(node), unit);
+  const double value = dh_number(node);
+  const bool is_limit = name == "lower" || name == "upper";  // of several turns, perhaps
+  if (unit == Unit::rad && !is_limit && std::abs(value) > 2.0 * std::numbers::pi) {
+    throw InputError(
+        fmt::format("{}: {} rad is more than a turn: degrees? write {}[deg]", node.where, shortest(value), name));
+  }
+  if (unit == Unit::m && name == "a" && std::abs(value) > kLongest) {
+    throw InputError(
+        fmt::format("{}: {} m is longer than any robot: millimetres? write a[mm]", node.where, shortest(value)));
+  }
+  return to_si(value, unit);
 }
 
 JointType dh_type(const Node& node) {
@@ -264,10 +276,19 @@ DhTable parse_dh_table(std::string_view text, const std::string& source) {
     fail(source, "has no rows: expected one for each joint, from base to tip");
   }
   std::set<std::string> names = {kTipJoint};
+  KDL::Frame tip;
   for (const DhRow& row : table.rows) {
+    tip = table.convention == DhConvention::standard ? tip * dh_along(row) * dh_across(row)
+                                                     : tip * dh_across(row) * dh_along(row);
     if (!names.insert(row.joint).second) {
       fail(source, "joint name " + shown(row.joint) + " is taken: expected another one for each row");
     }
+  }
+  // Nearly parallel axes have d of hundreds of metres, which cancel.
+  if (tip.p.Norm() > kLongest) {
+    fail(source, fmt::format("the last frame is {:.4g} m from the first at joint values of 0, farther than that of any "
+                             "robot: millimetres? write d[mm]",
+                             tip.p.Norm()));
   }
   return table;
 }

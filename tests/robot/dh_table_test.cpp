@@ -225,6 +225,13 @@ TEST(DhTable, IsReadAsSpreadsheetsSaveIt) {
   EXPECT_EQ(dh_urdf(parse_dh_table(excel)), expected);
 }
 
+TEST(DhTable, MayHaveLongOffsetsThatCancelAndLimitsOfTurns) {
+  const Robot robot = robot_of(
+      "convention,standard\njoint,a[m],alpha[rad],d[m],theta[rad],lower[rad],upper[rad]\n"
+      "J,-0.6,3.1416,300,6.2,-9,9\nK,-0.5,0,299.9,0,,\n");
+  EXPECT_EQ(robot.joints[0].upper, 9.0);
+}
+
 TEST(DhTable, RefusesWhatItCannotRead) {
   const std::string header =
       "convention,standard\njoint,type,a[mm],alpha[deg],d[mm],theta[deg],lower[deg],upper[deg]\n";
@@ -253,6 +260,12 @@ TEST(DhTable, RefusesWhatItCannotRead) {
        "a: has no unit, expected a[mm] or [m]"},
       {"convention,standard\njoint,a[in],alpha[deg],d[mm],theta[deg]\nJ,1,2,3,4\n", "unit 'in' is not accepted"},
       {"convention,standard\njoint,a[mm],alpha[mm],d[mm],theta[deg]\nJ,1,2,3,4\n", "expected alpha[deg] or [rad]"},
+      {"convention,standard\njoint,a[mm],alpha[rad],d[mm],theta[rad]\nJ,1,90,3,0\n",
+       "DH table:3: alpha[rad]: 90 rad is more than a turn: degrees? write alpha[deg]"},
+      {"convention,standard\njoint,a[m],alpha[deg],d[m],theta[deg]\nJ,-243.65,90,0,0\n",
+       "DH table:3: a[m]: -243.65 m is longer than any robot: millimetres? write a[mm]"},
+      {"convention,standard\njoint,a[m],alpha[deg],d[m],theta[deg]\nJ,0,90,151.9,0\nK,0,0,81.9,0\n",
+       "the last frame is 172.6 m from the first at joint values of 0, farther than that of any robot: millimetres?"},
       {"convention,standard\njoint,a[mm],a[mm]\n", "column 'a[mm]' is there twice"},
       {"convention,standard\njoint,a[mm],a[m],alpha[deg],d[mm],theta[deg]\nJ,1,1,2,3,4\n", "a is there twice"},
       {"convention,standard\njoint,r[mm]\nJ,1\n", "unknown column 'r[mm]', expected joint, type, a, alpha"},
