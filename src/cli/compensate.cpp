@@ -116,6 +116,11 @@ public:
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
         summary_(robot, calibration_.arm(), program_),
         warnings_(other_notes(arguments)) {
+    if (program_.has_rotation_vectors_in_degrees()) {
+      warnings_.push_back(file() +
+                          ": rx, ry, rz are read as a rotation vector (UR); if they are angles about x, y and z "
+                          "(Yaskawa, Kinova and others), name the columns roll, pitch, yaw");
+    }
     if (!arguments.near.empty()) {
       previous_ = joint_values(robot, {.joints = arguments.near,
                                        .joint_convention = arguments.joint_convention,

@@ -36,6 +36,11 @@ ProgramFile::ProgramFile(const std::filesystem::path& file, const Robot& robot, 
   }
 }
 
+bool ProgramFile::has_rotation_vectors_in_degrees() const {
+  const Header& header = rows_.header();
+  return header.orientation == kRotationVector && header.orientations[kRotationVector].front().unit == Unit::deg;
+}
+
 std::vector<ProgramLine> ProgramFile::next(std::size_t most) {
   std::vector<ProgramLine> result;
   result.reserve(most);

@@ -38,6 +38,8 @@ public:
               FileContent content);
 
   bool states_joints() const { return !joints_.empty(); }
+  /// Whether poses have columns rx, ry, rz in degrees: most controllers name angles about the axes so.
+  bool has_rotation_vectors_in_degrees() const;
   /// The next rows, at most so many; none at the end.
   std::vector<ProgramLine> next(std::size_t most);
   /// The share of the file that was read, roughly.

@@ -208,6 +208,17 @@ TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
   }
 }
 
+// Yaskawa and Kinova name angles about x, y and z so.
+TEST_F(Compensate, SaysThatRotationVectorsInDegreesAreNoAnglesAboutTheAxes) {
+  for (const std::string names :
+       {"Rx[deg],Ry[deg],Rz[deg]", "rx[rad],ry[rad],rz[rad]", "roll[deg],pitch[deg],yaw[deg]"}) {
+    write("p.csv", "configuration,X[mm],Y[mm],Z[mm]," + names + "\nP1,300,1500,900,1,0,2\n");
+    const Outcome outcome = run(kOfPoses + Words{"--force"});
+    EXPECT_EQ(outcome.err.find("read as a rotation vector (UR)") != std::string::npos, names.starts_with("Rx"))
+        << names;
+  }
+}
+
 TEST_F(Compensate, LeavesPosesThatTheNominalRobotDoesNotReachAsTheyAre) {
   write("p.csv", std::string(kPoses) + "\n1" + in_wpr(nominal_at(kAsked[0])) + "\n2,9000,0,700,10,20,30\n");
   const Outcome outcome = run(kOfPoses + Words{"--json"});
