@@ -24,6 +24,9 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
   if (!task.options.try_readings) {
     return {};
   }
+  if (auto moved = moved_between_repeats(found.model, measurements, found.fit.identification.estimate)) {
+    return {std::move(*moved)};
+  }
   if (!are_points_of_one_station(measurements)) {
     const TrainingRows rows(measurements);
     ReadingSearch search{.readings = readings_of_unit(found.model, *rows), .detectable = {}};

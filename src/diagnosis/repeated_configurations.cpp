@@ -1,10 +1,22 @@
 #include "diagnosis/repeated_configurations.hpp"
 
+#include <fmt/core.h>
+#include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
+#include <map>
 #include <string>
+#include <tuple>
 #include <utility>
 
+#include "base/distributions.hpp"
+#include "base/text.hpp"
+#include "diagnosis/mistake_trial.hpp"
+#include "estimation/prediction.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/same_poses.hpp"
+#include "measurements/stations.hpp"
+#include "screening/gross_rows.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -82,6 +94,124 @@ std::vector<AlternativeReading> repeated_configurations(const Measurements& meas
                        .doubt = false});
   }
   return remarks;
+}
+
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+// Rows of a later repeat that have one in the first, with their difference in W.
+struct Differences {
+  std::vector<Vector3d> in_W;
+  std::vector<Vector3d> points;  // in W
+  std::vector<Eigen::Matrix3d> R_WF;
+};
+
+// A displacement by least squares of d = A x.
+struct Displacement {
+  VectorXd x;
+  bool explains = false;
+};
+
+Displacement displacement(const MatrixXd& A, const VectorXd& d) {
+  constexpr double kByChance = 1e-6;
+  constexpr double kRounding = 1e-7;  // [m]
+  const auto freedom = static_cast<double>(A.rows() - A.cols());
+  Displacement found{.x = A.colPivHouseholderQr().solve(d)};
+  const double all = d.squaredNorm();
+  const double left = std::max((d - A * found.x).squaredNorm(), 1e-300);
+  const auto columns = static_cast<double>(A.cols());
+  found.explains = freedom > columns && all > static_cast<double>(A.rows()) * kRounding * kRounding &&
+                   left < kMostMisfitLeft * kMostMisfitLeft * all &&
+                   f_upper_tail((all - left) / columns / (left / freedom), columns, freedom) < kByChance;
+  return found;
+}
+
+// A motion v + w x p in W, or a constant on the flange.
+Displacement displacement_of(const Differences& rows, bool on_flange) {
+  const auto count = static_cast<Index>(rows.in_W.size());
+  MatrixXd A(3 * count, on_flange ? 3 : 6);
+  VectorXd d(3 * count);
+  for (Index i = 0; i < count; ++i) {
+    const auto row = static_cast<std::size_t>(i);
+    const Vector3d& p = rows.points[row];
+    d.segment<3>(3 * i) = rows.in_W[row];
+    if (on_flange) {
+      A.middleRows<3>(3 * i) = rows.R_WF[row];
+      continue;
+    }
+    A.block<3, 3>(3 * i, 0).setIdentity();
+    A.block<3, 3>(3 * i, 3) << 0.0, p.z(), -p.y(), -p.z(), 0.0, p.x(), p.y(), -p.x(), 0.0;
+  }
+  return displacement(A, d);
+}
+
+// Of each station, target and later repeat.
+using AllDifferences = std::map<std::tuple<std::size_t, int, int>, Differences>;
+
+AllDifferences differences(const ErrorModel& model, const Measurements& measurements, const Estimate& fit) {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, fit, measurements);
+  std::map<std::pair<int, int>, const Observation*> first;
+  AllDifferences all;
+  for (const Observation& o : measurements.observations) {
+    if (o.split != Split::train || !is_whole(o)) {
+      continue;
+    }
+    const auto [found, is_new] = first.try_emplace({o.configuration, o.target}, &o);
+    if (!is_new && o.repeat != found->second->repeat) {
+      const std::size_t station = station_of(o);
+      Differences& rows = all[{station, o.repeat, o.target}];
+      rows.in_W.emplace_back(o.position() - found->second->position());
+      rows.points.push_back(o.position());
+      rows.R_WF.emplace_back(fit.frames.base(station).linear() *
+                             X_BF[static_cast<std::size_t>(o.configuration)].linear());
+    }
+  }
+  return all;
+}
+
+}  // namespace
+
+std::optional<AlternativeReading> moved_between_repeats(const ErrorModel& model, const Measurements& measurements,
+                                                        const Estimate& fit) {
+  std::map<std::pair<std::size_t, int>, Differences> of_stations;
+  std::vector<std::string> moved;
+  int repeat = 0;
+  double largest = 0.0;
+  for (const auto& [key, rows] : differences(model, measurements, fit)) {
+    const auto [station, number, target] = key;
+    Differences& all = of_stations[{station, number}];
+    all.in_W.insert(all.in_W.end(), rows.in_W.begin(), rows.in_W.end());
+    all.points.insert(all.points.end(), rows.points.begin(), rows.points.end());
+    if (const Displacement found = displacement_of(rows, true); found.explains && (moved.empty() || number == repeat)) {
+      moved.push_back(shown(measurements.targets[static_cast<std::size_t>(target)]));
+      repeat = number;
+      largest = std::max(largest, found.x.norm());
+    }
+  }
+  const auto said = [](Cause cause, const std::string& what, int number) {
+    return AlternativeReading{
+        .cause = cause,
+        .message = fmt::format("in repeat {} {} than in the first one of the same configurations; they are no repeats: "
+                               "calibrate with one part",
+                               number, what)};
+  };
+  for (const auto& [key, rows] : of_stations) {
+    if (const Displacement found = displacement_of(rows, false); found.explains) {
+      return said(Cause::moved_base,
+                  fmt::format("the base or the measuring device stands elsewhere (by {} and {:.3g} mrad)",
+                              said_length(found.x.head<3>().norm()), found.x.tail<3>().norm() * 1e3),
+                  key.second);
+    }
+  }
+  return moved.empty() ? std::nullopt
+                       : std::optional(said(Cause::moved_target,
+                                            (moved.size() == 1 ? "target " : "targets ") + comma_separated(moved) +
+                                                (moved.size() == 1 ? " is" : " are") + " elsewhere on the flange (by " +
+                                                said_length(largest) + ")",
+                                            repeat));
 }
 
 }  // namespace kdl_calibration

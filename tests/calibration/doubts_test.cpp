@@ -812,6 +812,33 @@ TEST(Mistakes, FiguresOfGrossRowsAreThoseOfACalibrationWithoutThem) {
   }
 }
 
+// A file that was measured twice: each configuration has two repeats.
+TEST(Mistakes, WhatMovedBetweenTwoRecordingsIsNamed) {
+  const auto of = [](std::uint64_t seed, const std::function<void(Measured&)>& spoil) {
+    Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), seed, {.configurations = 20, .repeats = 2});
+    spoil(m);
+    return calibrate(m.model, m.data);
+  };
+  const auto second = [](Measured& m, const std::function<Vector3d(const Observation&)>& by) {
+    for_rows(m, [&](Observation& o) { o.position() += o.repeat == 2 ? by(o) : Vector3d::Zero(); });
+  };
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+    EXPECT_TRUE(of(seed, [](Measured&) {}).trusted()) << "seed " << seed;
+    const CalibrationResult slipped = of(seed, [&](Measured& m) {
+      second(m, [&](const Observation& o) {
+        return o.target == 1 ? Vector3d(true_flange(m, o.configuration).linear() * Vector3d(0.0, 0.0, 0.008))
+                             : Vector3d(Vector3d::Zero());
+      });
+    });
+    EXPECT_THAT(said(slipped), HasSubstr("target 'B' is elsewhere on the flange (by ")) << "seed " << seed;
+    EXPECT_FALSE(slipped.trusted());
+    const CalibrationResult moved =
+        of(seed, [&](Measured& m) { second(m, [](const Observation&) { return Vector3d(0.001, 0.0, 0.0); }); });
+    EXPECT_THAT(said(moved), HasSubstr("stands elsewhere (by ")) << "seed " << seed;
+    EXPECT_FALSE(moved.trusted());
+  }
+}
+
 TEST(Mistakes, AnArmWithoutErrorsThatWasMeasuredWithoutNoiseIsTrusted) {
   std::size_t kept = 0;
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
