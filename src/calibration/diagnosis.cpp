@@ -25,7 +25,7 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
     return {};
   }
   if (auto moved = moved_between_repeats(found.model, measurements, found.fit.identification.estimate)) {
-    return {std::move(*moved)};
+    return {.readings = {std::move(*moved)}, .detectable = {}};
   }
   if (!are_points_of_one_station(measurements)) {
     const TrainingRows rows(measurements);

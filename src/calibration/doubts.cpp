@@ -7,6 +7,7 @@
 #include <iterator>
 #include <numbers>
 
+#include "base/distributions.hpp"
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
@@ -417,6 +418,50 @@ std::string said_of_urdf(const CalibrationResult& found) {
   return {};
 }
 
+// Empty unless the residuals of one station are much larger than those of another, and no row states its sigma.
+std::string said_of_stations(const CalibrationResult& found, const Measurements& measurements) {
+  constexpr double kTimes = 3.0;
+  constexpr double kByChance = 1e-4;
+  if (measurements.stations.size() < 2) {
+    return {};
+  }
+  struct Station {
+    std::string name;
+    double squares = 0.0;  // [m^2]
+    double coordinates = 0.0;
+    double sigma() const { return std::sqrt(squares / std::max(coordinates, 1.0)); }
+  };
+  std::vector<Station> stations;
+  for (const std::string& name : measurements.stations) {
+    stations.push_back({.name = shown(name)});
+  }
+  const std::vector<double> distances =
+      position_errors(found.model, found.fit.identification.estimate, measurements, Rows::all);
+  for (std::size_t row = 0; row < distances.size(); ++row) {
+    const Observation& o = measurements.observations[row];
+    if (o.sigma > 0.0) {
+      return {};
+    }
+    if (o.split == Split::train) {
+      stations[station_of(o)].squares += distances[row] * distances[row];
+      stations[station_of(o)].coordinates += dimension(o.reading);
+    }
+  }
+  const auto [least, most] = std::minmax_element(
+      stations.begin(), stations.end(), [](const Station& a, const Station& b) { return a.sigma() < b.sigma(); });
+  const double used = static_cast<double>(found.fit.free.size()) / static_cast<double>(stations.size());
+  const auto freedom = [&](const Station& station) { return station.coordinates - used; };
+  const double ratio = most->sigma() / std::max(least->sigma(), kSmallest);
+  if (!(ratio > kTimes) || freedom(*least) < 1.0 || freedom(*most) < 1.0 ||
+      f_upper_tail(ratio * ratio, freedom(*most), freedom(*least)) > kByChance) {
+    return {};
+  }
+  return fmt::format(
+      "the residuals of station {} are {:.3g} times as large as those of station {} ({} and {} per "
+      "coordinate), and all rows count alike; state the noise of each row in a column sigma[m]",
+      most->name, ratio, least->name, in_millimetres(most->sigma()), in_millimetres(least->sigma()));
+}
+
 // Messages about parameters that the measurements cannot tell apart, and how they are resolved.
 std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
   std::vector<std::string> result;
@@ -529,7 +574,8 @@ std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosi
                     "close to nominal; state larger priors, or none",
                     excess));
   }
-  for (const std::string& said : {said_of_zero(found), said_of_change(found), said_of_urdf(found)}) {
+  for (const std::string& said :
+       {said_of_zero(found), said_of_change(found), said_of_urdf(found), said_of_stations(found, measurements)}) {
     if (!said.empty()) {
       result.push_back(said);
     }

@@ -839,6 +839,28 @@ TEST(Mistakes, WhatMovedBetweenTwoRecordingsIsNamed) {
   }
 }
 
+// The second half is of a device with ten times the noise, at a place of its own.
+TEST(Mistakes, AStationWithOtherNoiseIsNamed) {
+  for (const double times : {1.0, 10.0}) {
+    Measured m = measured(light_arm(), 5, {.configurations = 40, .noise = 0.0});
+    m.data.stations = {"near", "far"};
+    Random random(7);
+    const Eigen::Isometry3d X(Eigen::Translation3d(1.0, 2.0, 3.0) * Eigen::AngleAxisd(1.0, Vector3d::UnitZ()));
+    for_rows(m, [&](Observation& o) {
+      const bool far = o.configuration >= 20;
+      o.station = far ? 1 : 0;
+      o.position() = (far ? X * o.position() : o.position()) +
+                     (far ? times : 1.0) * kSigma * Vector3d(random.normal(), random.normal(), random.normal());
+    });
+    const CalibrationResult found = calibrate(m.model, m.data);
+    EXPECT_TRUE(found.trusted()) << said(found);
+    EXPECT_EQ(::testing::Matches(::testing::Contains(HasSubstr("the residuals of station 'far' are ")))(
+                  found.diagnosis.warnings),
+              times > 1.0)
+        << ::testing::PrintToString(found.diagnosis.warnings);
+  }
+}
+
 TEST(Mistakes, AnArmWithoutErrorsThatWasMeasuredWithoutNoiseIsTrusted) {
   std::size_t kept = 0;
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
