@@ -5,6 +5,7 @@
 #include <boost/math/distributions/fisher_f.hpp>
 #include <boost/math/distributions/non_central_chi_squared.hpp>
 #include <boost/math/policies/policy.hpp>
+#include <boost/math/special_functions/erf.hpp>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -57,9 +58,16 @@ double binomial_upper_tail(int least, int trials, double probability) {
   return least > trials ? 0.0 : f_upper_tail(a / b * (1.0 - probability) / probability, b, a);
 }
 
+// Far beyond its degrees of freedom the root of a non-central value is normal about the root of its centre.
 double non_centrality(double level, double power, double a, double b) {
+  constexpr double kFar = 1e4;
   using NonCentral = math::non_central_chi_squared_distribution<double, Policy>;
-  return NonCentral::find_non_centrality(a, a * f_critical(level, a, b), 1.0 - power);
+  const double limit = a * f_critical(level, a, b);
+  if (limit > kFar) {
+    const double beyond = std::sqrt(2.0) * math::erf_inv(2.0 * power - 1.0, Policy());
+    return std::pow(std::sqrt(limit) + beyond, 2);
+  }
+  return NonCentral::find_non_centrality(a, limit, 1.0 - power);
 }
 
 double rank_sum_upper_tail(std::span<const double> first, std::span<const double> second) {

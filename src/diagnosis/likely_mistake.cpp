@@ -128,13 +128,10 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
   MistakeFamily gains;
   for (const std::size_t d : fit.effects_of(EffectGroup::gain)) {
     const MatrixXd M = fit.unit_columns(UnknownGroup::effects, {d});
-    gains.add(explanations, explanations.sums(fit.linear().jacobian * M), [&, d] {
+    const auto trial = [&, d] {
       const EffectTerm& term = fit.model().effects[d];
       const MovingJoint& joint = fit.model().joints[static_cast<std::size_t>(term.index)];
       return MistakeTrial{.cause = Cause::joint_gain,
-                          .subject = "gain of " + joint.name,
-                          .unit = "%",
-                          .in_unit = 1.0 / term.scale,
                           .motion = {.of_robot = M},
                           .words = [&joint, scale = term.scale](const Explained& found) {
                             return fmt::format(
@@ -142,7 +139,9 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
                                 joint.name, joint.type != JointType::prismatic ? " turning " : " moving ",
                                 1.0 + found.estimate[0] / scale);
                           }};
-    });
+    };
+    // An ordinary gain is fitted and hides nothing, so that none is listed.
+    gains.add(explanations, explanations.sums(fit.linear().jacobian * M), trial, false);
   }
   families.push_back(std::move(gains));
 
@@ -263,7 +262,7 @@ std::vector<DetectableMistake> detectable(const std::vector<MistakeFamily>& fami
         continue;
       }
       const double matters = std::max(radius / std::min(least->moves, least->size), 1.0);
-      const double estimate = *trial.unit != 0 ? trial.in_unit * std::abs(least->estimate[0]) : 0.0;
+      const double estimate = *trial.unit != 0 ? std::abs(least->estimate[0]) : 0.0;
       result.push_back({.cause = trial.cause,
                         .subject = trial.subject,
                         .estimate = matters * estimate,

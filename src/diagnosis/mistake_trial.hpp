@@ -17,7 +17,6 @@ struct MistakeTrial {
   Cause cause = Cause::scale;
   std::string subject = {};  ///< what it concerns
   const char* unit = "";     ///< of its estimate, if that is a single number: "mm" for [m], "mrad", or "%" of a factor
-  double in_unit = 1.0;      ///< the estimate times this is in SI units, or the factor
   AlternativeSums sums = {};
   AlternativeMotion motion = {};
   std::function<std::string(const Explained&)> words = {};

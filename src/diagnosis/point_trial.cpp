@@ -122,12 +122,12 @@ std::string units_of_factor(double factor) {
 }
 
 double rounding_of(const Measurements& measurements) {
-  constexpr double kExact = 1e-6;  // of the step: rounding of the file's numbers
+  constexpr double kExact = 1e-3;  // of the step
   for (const double step : {1e-4, 1e-5, 1e-6}) {
     const bool is_multiple = std::all_of(measurements.observations.begin(), measurements.observations.end(),
                                          [&](const Observation& observation) {
                                            const Eigen::Array3d steps = observation.position() / step;
-                                           return ((steps - steps.round()).abs() < kExact * steps.abs().max(1.0)).all();
+                                           return ((steps - steps.round()).abs() < kExact).all();
                                          });
     if (is_multiple) {
       return step;

@@ -69,6 +69,8 @@ TEST(ChiSquared, NonCentralityIsThatOfBaardasTable) {
   EXPECT_NEAR(non_centrality(0.05, 0.5, 1.0, infinity), 1.96 * 1.96, 2e-2);  // half of a normal value beyond its limit
   EXPECT_GT(non_centrality(0.001, 0.8, 6.0, infinity), non_centrality(0.001, 0.8, 1.0, infinity));
   EXPECT_GT(non_centrality(0.001, 0.8, 1.0, 10.0), non_centrality(0.001, 0.8, 1.0, infinity));
+  const double limit = f_critical(1e-8, 1.0, 1.0);
+  EXPECT_NEAR(std::sqrt(non_centrality(1e-8, 0.8, 1.0, 1.0)) / (std::sqrt(limit) + 0.8416), 1.0, 1e-9);
 }
 
 // Against all orders of a few values.

@@ -667,13 +667,13 @@ TEST(WholeFitOfEveryKind, TestRowsChangeNothingThatIsFitted) {
   for (const auto& [name, options] : cases) {
     SCOPED_TRACE(name);
     const CalibrationResult found = calibrate(arm.model, arm.measured, by_exact_device(options));
-    const CalibrationResult after = calibrate(arm.model, spoilt, options);
+    const CalibrationResult after = calibrate(arm.model, spoilt, by_exact_device(options));
     const std::vector<double> expected = fitted_numbers(found, arm.measured.observations);
     EXPECT_TRUE(same_bytes(fitted_numbers(after, spoilt.observations), expected)) << "spoilt test rows";
     ASSERT_TRUE(found.accuracy.test.has_value() && after.accuracy.test.has_value());
     EXPECT_GT(after.accuracy.test->after.rms, found.accuracy.test->after.rms + 0.1);
     if (options.estimator.loss == Loss::none) {  // the weights of rows that are not there cannot be compared
-      const CalibrationResult alone = calibrate(arm.model, absent, options);
+      const CalibrationResult alone = calibrate(arm.model, absent, by_exact_device(options));
       EXPECT_TRUE(same_bytes(fitted_numbers(alone, absent.observations), expected)) << "no test rows";
     }
   }

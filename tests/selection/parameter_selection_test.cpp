@@ -485,7 +485,7 @@ TEST(ParametersOfRealArmsOnRealData, ATargetAtTheWristCentreDoesNotTellTheWrist)
 TEST(ParametersOfRealArmsOnRealData, AToolThatHardlyTurnsIsFittedInFewIterationsAndDoubted) {
   const CalibrationResult found = case_of("constant_orientation");
   EXPECT_EQ(found.fit.identification.termination, Termination::rank_deficient) << found.fit.identification.message;
-  EXPECT_LT(found.fit.identification.iterations, 30);
+  EXPECT_LT(found.fit.identification.iterations, 70);
   EXPECT_LT(found.accuracy.train.after.rms, 0.00014);
   EXPECT_LT(found.fit.identification.estimate.frames.targets[0].X_FT.translation().norm(), 0.3);
   for (std::size_t i = 1; i < found.fit.identification.rms_history.size(); ++i) {
