@@ -260,10 +260,14 @@ std::vector<OptionCase> noise_options() {
        kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
-       all_checks(is_library([](auto& o) { o.validation = {.leave_one_out = true, .k_fold = 2}; }),
-                  changes_only({"position_error/k_fold", "predicted_accuracy/region/largest_variance",
-                                "held_out_points/*/configuration", "held_out_points/*/residual/*",
-                                "held_out_points/*/distance"})),
+       all_checks(
+           is_library([](auto& o) { o.validation = {.leave_one_out = true, .k_fold = 2}; }),
+           changes_only(
+               {"position_error/k_fold", "predicted_accuracy/region/largest_variance",
+                "predicted_accuracy/budget/of_parameters", "predicted_accuracy/budget/total",
+                "predicted_accuracy/budget/expanded", "predicted_accuracy/unseen/mean", "predicted_accuracy/unseen/rms",
+                "predicted_accuracy/unseen/std", "predicted_accuracy/unseen/p95", "predicted_accuracy/unseen/max",
+                "held_out_points/*/configuration", "held_out_points/*/residual/*", "held_out_points/*/distance"})),
        kMeasured + Words{"--leave-one-out"}},
       {"KFoldOfEveryConfigurationIsLeaveOneOut",
        {"--k-fold", "12"},

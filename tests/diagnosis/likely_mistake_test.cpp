@@ -121,8 +121,8 @@ TEST(LikelyMistake, OfTheDetectableSizeShows) {
   const std::vector<Kind> kinds = {
       {"all measured lengths",
        [](Measured& m, double size) { for_rows(m, [&](Observation& o) { o.position() *= 1.0 + size; }); }},
-      {"gain of joint_2",
-       [](Measured& m, double size) { drive(m, 0, [&](Eigen::VectorXd& q) { q[1] *= 1.0 + size; }); }},
+      {"joint_3 coupled with joint_2",
+       [](Measured& m, double size) { drive(m, 0, [&](Eigen::VectorXd& q) { q[2] += size * q[1]; }); }},
       {"the zero of joint_3 changed halfway",
        [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[2] += size; }); }}};
   const auto search = [](const Measured& m) {
