@@ -254,6 +254,7 @@ struct Search {
 std::vector<DetectableMistake> detectable(const std::vector<MistakeFamily>& families, const Explanations& explanations,
                                           double radius) {
   constexpr double kPower = 0.8;
+  constexpr double kBeyond = 1.25;  // the mistake itself adds to the noise and to the radius
   std::vector<DetectableMistake> result;
   for (const MistakeFamily& family : families) {
     for (const MistakeTrial& trial : family.listed) {
@@ -261,7 +262,7 @@ std::vector<DetectableMistake> detectable(const std::vector<MistakeFamily>& fami
       if (!least || !(least->moves > 0.0)) {
         continue;
       }
-      const double matters = std::max(radius / std::min(least->moves, least->size), 1.0);
+      const double matters = kBeyond * std::max(radius / std::min(least->moves, least->size), 1.0);
       const double estimate = *trial.unit != 0 ? std::abs(least->estimate[0]) : 0.0;
       result.push_back({.cause = trial.cause,
                         .subject = trial.subject,
