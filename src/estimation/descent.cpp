@@ -20,7 +20,7 @@ using Eigen::VectorXd;
 
 // Limits of errors: a radian, and half the length of the stretched arm (travels included) but at least 0.5 m. Points in
 // feet exceed them for any arm with one long link.
-constexpr double kLargestAngle = 1.0;        // [rad]
+constexpr double kLargestAngleError = 1.0;   // [rad]
 constexpr double kLargestShareOfArm = 0.5;   // share of its length
 constexpr double kLeastLargestLength = 0.5;  // [m]
 
@@ -40,7 +40,7 @@ const char* run_away(const ErrorModel& model, const VectorXd& errors) {
   for (std::size_t p = 0; p < model.parameters.size(); ++p) {
     const double value = std::abs(errors[static_cast<Index>(p)]);
     const bool length = is_length(model, model.parameters[p]);
-    if (!(value <= (length ? largest : kLargestAngle))) {
+    if (!(value <= (length ? largest : kLargestAngleError))) {
       return length ? "the fit ran away: a length is off by more than half the arm"
                     : "the fit ran away: an angle is off by more than a radian";
     }
