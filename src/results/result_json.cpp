@@ -236,16 +236,32 @@ Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise
   return result;
 }
 
+// Adds what the measurements take as true, and the mistakes that they would have shown.
+void add_assumptions(const CalibrationResult& calibration, Json& result) {
+  if (calibration.distance_zero) {
+    result["distance_zero"] = {{"length", calibration.distance_zero->length},
+                               {"sigma", calibration.distance_zero->sigma}};
+  }
+  Json detectable = Json::array();
+  for (const DetectableMistake& mistake : calibration.diagnosis.detectable) {
+    detectable.push_back({{"cause", to_string(mistake.cause)},
+                          {"subject", mistake.subject},
+                          {"estimate", *mistake.unit != 0 ? Json(mistake.estimate) : Json(nullptr)},
+                          {"unit", mistake.unit},
+                          {"size", mistake.size},
+                          {"moves", mistake.moves}});
+  }
+  result["detectable"] = detectable;
+  result["assumed"] = {{"scale_sigma", calibration.settings.noise.scale_sigma},
+                       {"length_sigma", calibration.settings.noise.length_sigma}};
+}
+
 // Adds model selection, lack of fit, predicted accuracy and down-weighted rows.
 void add_details(const CalibrationResult& calibration, const Measurements& measurements, Json& result) {
   result["priors"] = priors_json(calibration.selection.priors);
   result["tried"] = tried_json(calibration.selection.tried);
   if (!calibration.selection.not_tried.empty()) {
     result["not_tried"] = calibration.selection.not_tried;
-  }
-  if (calibration.distance_zero) {
-    result["distance_zero"] = {{"length", calibration.distance_zero->length},
-                               {"sigma", calibration.distance_zero->sigma}};
   }
   if (const auto& continued = calibration.selection.continued) {
     result["prior_result"] = earlier_json(continued->comparison);
@@ -272,18 +288,7 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                         {"message", finding.message}});
   }
   result["findings"] = findings;
-  Json detectable = Json::array();
-  for (const DetectableMistake& mistake : calibration.diagnosis.detectable) {
-    detectable.push_back({{"cause", to_string(mistake.cause)},
-                          {"subject", mistake.subject},
-                          {"estimate", *mistake.unit != 0 ? Json(mistake.estimate) : Json(nullptr)},
-                          {"unit", mistake.unit},
-                          {"size", mistake.size},
-                          {"moves", mistake.moves}});
-  }
-  result["detectable"] = detectable;
-  result["assumed"] = {{"scale_sigma", calibration.settings.noise.scale_sigma},
-                       {"length_sigma", calibration.settings.noise.length_sigma}};
+  add_assumptions(calibration, result);
   result["iso_9283"] = {{"before", iso_json(calibration.accuracy.iso_before)},
                         {"after", iso_json(calibration.accuracy.iso_after)}};
   if (calibration.accuracy.iso_test_before && calibration.accuracy.iso_test_after) {

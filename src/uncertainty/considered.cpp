@@ -58,7 +58,7 @@ public:
     for (const std::size_t row : rows) {
       disturb(measurements.observations[row], row);
     }
-    steps_.push_back(unit_covariance_ * (gradient(measurements) - undisturbed_));
+    steps_.emplace_back(unit_covariance_ * (gradient(measurements) - undisturbed_));
   }
 
   MatrixXd steps() const {
