@@ -349,6 +349,27 @@ std::vector<QualityFinding> screened(const FitProblem& problem, const Measuremen
   });
 }
 
+// The model by its selection or by the earlier result, and what is not tried on these rows.
+ModelSelection chosen_model(const ModelSelectionTask& choice, const DeterminedFit& rigid,
+                            const Measurements& measurements, const CalibrationSettings& options,
+                            const std::optional<ContinuedResult>& earlier) {
+  ModelSelection selection =
+      select_model(choice, rigid.identification, determines_arm(rigid), options.estimator.method);
+  if (!are_points_of_one_station(measurements)) {
+    selection.not_tried += selection.not_tried.empty() ? "" : "; ";
+    selection.not_tried +=
+        has_single_coordinates(measurements)
+            ? "checks of repeats and of typing errors in rows that are no whole points, parts of the "
+              "noise, other readings of the joints (single coordinates)"
+            : "other readings of the joints (several stations)";
+  }
+  if (earlier) {
+    selection.terms = options.selection.earlier->terms;
+    selection.continued = earlier;
+  }
+  return selection;
+}
+
 // A calibration before it is doubted.
 struct Calibrated {
   CalibrationResult result;
@@ -383,20 +404,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   const DeterminedFit rigid_fit =
       fit_determined_parameters(rigid, robot.parameters, {options.estimator, options.parameters});
   const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
-  ModelSelection selection =
-      select_model(choice, rigid_fit.identification, determines_arm(rigid_fit), options.estimator.method);
-  if (!are_points_of_one_station(measurements)) {
-    selection.not_tried += selection.not_tried.empty() ? "" : "; ";
-    selection.not_tried +=
-        has_single_coordinates(measurements)
-            ? "checks of repeats and of typing errors in rows that are no whole points, parts of the "
-              "noise, other readings of the joints (single coordinates)"
-            : "other readings of the joints (several stations)";
-  }
-  if (with_earlier) {
-    selection.terms = options.selection.earlier->terms;
-    selection.continued = with_earlier;
-  }
+  const ModelSelection selection = chosen_model(choice, rigid_fit, measurements, options, with_earlier);
 
   const NoiseBeforehand noise = noise_beforehand(*rows, options);
   CalibrationResult result{
