@@ -178,7 +178,7 @@ class Pages(unittest.TestCase):
         rows = {row[0]: row[1] for row in self.rows_of("accuracy table.budget")}
         parts = [math.hypot(*noise["independent"]), math.hypot(*noise["common"]), math.sqrt(3) * math.hypot(noise["misfit"], noise["target_misfit"])]
         if predicted["measured"] and noise["model"] == "parts":
-            parts.append(predicted["measured"]["rms"])
+            parts += [predicted["unseen"]["rms"], predicted["budget"]["of_assumptions"]]
             total = math.hypot(*parts)
             self.assertEqual(list(rows.values()), [short_number(value) if value else "0.000" for value in [*parts, total, 2 * total]])
 

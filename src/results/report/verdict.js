@@ -198,7 +198,7 @@ function assumptionsNote(budget) {
   const assumed = RESULT.assumed;
   if (!assumed) return null;
   const tenfold = Math.sqrt(budget.total * budget.total + 99 * budget.of_assumptions * budget.of_assumptions);
-  return note(`Taken as true within 1 σ: all measured lengths to ${assumed.scale_sigma * 1e6} µm/m, stated distances to ${mm(assumed.length_sigma)} mm. If they are ten times as wrong, the total is ${mm(tenfold)} mm.`);
+  return note(`Taken as true within 1 σ: all measured lengths to ${Number((assumed.scale_sigma * 1e6).toPrecision(3))} µm/m, stated distances to ${mm(assumed.length_sigma)} mm. If they are ten times as wrong, the total is ${mm(tenfold)} mm.`);
 }
 function detectableTable() {
   const mistakes = RESULT.detectable || [];
