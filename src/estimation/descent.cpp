@@ -122,9 +122,6 @@ public:
       going = iterate();
     }
     result_.rms = rms();
-    if (result_.termination == Termination::iteration_limit && moves_within_uncertainty()) {
-      finish(Termination::converged, "the last step moved the unknowns by less than a thousandth of their uncertainty");
-    }
     const char* beyond = run_away(model_, result_.estimate.errors);
     if (result_.termination == Termination::converged && beyond != nullptr) {
       finish(Termination::diverged, beyond);
@@ -151,14 +148,6 @@ private:
   static constexpr double kLeastGain = 0.1;
   static constexpr double kGoodGain = 0.7;
   static constexpr int kRefusals = 3;  // refused Gauss-Newton steps before they are left for the end
-
-  // Weakly determined directions may be followed slowly.
-  bool moves_within_uncertainty() const {
-    constexpr double kShare = 1e-3;  // of a standard deviation
-    const double freedom = static_cast<double>(problem_.equations() - problem_.columns());
-    return phase_ == Phase::gauss_newton && result_.iterations > 1 && freedom > 0.0 &&
-           predicted_reduction_ < kShare * kShare * equations_.cost / freedom;
-  }
 
   // Whether the excess over the goal did not halve; false below the goal, and without one, as it is infinite.
   bool misses_goal() {

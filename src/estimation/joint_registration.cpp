@@ -99,13 +99,21 @@ double JointRegistration::fit(Frames& frames, int steps) const {
 void JointRegistration::place(Frames& frames) const {
   constexpr double kRidge = 1e-6;
   const NormalEquations equations = linearise(frames);
-  VectorXd is_place = VectorXd::Zero(equations.gradient.size());
-  for (Index column = 0; column < is_place.size(); ++column) {
-    is_place[column] = column % 6 < 3 ? 1.0 : 0.0;
+  std::vector<Index> columns;
+  for (Index column = 0; column < equations.gradient.size(); ++column) {
+    if (column % 6 < 3) {
+      columns.push_back(column);
+    }
   }
-  MatrixXd information = is_place.asDiagonal() * equations.hessian * is_place.asDiagonal();
+  MatrixXd information = equations.hessian(columns, columns);
   information.diagonal().array() += kRidge * information.trace();
-  frames = moved(frames, information.ldlt().solve(is_place.cwiseProduct(equations.gradient)));
+  const VectorXd gradient = equations.gradient(columns);
+  const VectorXd places = information.ldlt().solve(gradient);
+  VectorXd step = VectorXd::Zero(equations.gradient.size());
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    step[columns[i]] = places[static_cast<Index>(i)];
+  }
+  frames = moved(frames, step);
 }
 
 int JointRegistration::open_directions(const Frames& frames) const {
