@@ -478,14 +478,10 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
                             const CalibrationSettings& options) {
   Calibrated found = calibrated(arm, measurements, options, GrossRowSearch::yes);
   CalibrationResult& result = found.result;
-  std::optional<Measurements> shorter;
-  if (result.distance_zero && result.distance_zero->length != 0.0) {
-    shorter = from_zero(measurements, result.distance_zero->length);
-  }
-  const Measurements& fitted = shorter ? *shorter : measurements;
-  GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, fitted, options);
+  const FromZero fitted(measurements, result.distance_zero ? result.distance_zero->length : 0.0);
+  GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, *fitted, options);
   result.diagnosis = diagnose(
-      result, fitted, std::move(found.findings), std::move(gross),
+      result, *fitted, std::move(found.findings), std::move(gross),
       {options.diagnosis, options.parameters, found.ambiguity, found.warnings, options.threads, options.progress});
   if (result.exported.nominal_kept) {
     result.accuracy = with_nominal_exported(result.accuracy);

@@ -144,7 +144,7 @@ struct PredictedAccuracy {
   ErrorStatistics measured;  ///< 3D 1 sigma [m] at the measured configurations (the first 1,000)
   /// At left-out configurations, predicted from the others; at the measured ones where none was left out.
   ErrorStatistics unseen;
-  double of_assumptions = 0.0;       ///< [m] beside that: what the measurements take as true
+  double of_assumptions = 0.0;       ///< [m] RMS 3D 1 sigma there by what the measurements take as true
   ErrorStatistics workspace;         ///< at 1,000 seeded configurations within the joint limits
   std::vector<WorkspaceCell> cells;  ///< the same 1,000, in cubes of `cell` metres
   double cell = 0.5;
@@ -175,7 +175,7 @@ struct Diagnosis {
   std::vector<QualityFinding> findings;  ///< faults of single measurements, found before the fit
   GrossRows gross_rows;                  ///< if left out, the other rows fit more than three times better
   std::vector<AlternativeReading> alternative_readings;  ///< readings that would explain the measurements much better
-  std::vector<DetectableMistake> detectable;             ///< what a mistake must have been to show
+  std::vector<DetectableMistake> detectable;             ///< the smallest mistakes that would have shown
   std::vector<std::string> warnings;
   std::vector<Doubt> doubts;
   /// Set instead of the only doubt if that doubt is "not_determined" for named geometric errors, every prediction in

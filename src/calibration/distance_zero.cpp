@@ -3,8 +3,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <utility>
 
 #include "estimation/least_squares.hpp"
 #include "estimation/scaled_solver.hpp"
@@ -14,17 +12,8 @@ namespace kdl_calibration {
 namespace {
 
 bool has_measured_distances(const Measurements& measurements) {
-  std::map<double, std::int32_t> configuration_of;
-  std::size_t distances = 0;
-  std::size_t again = 0;
-  for (const Observation& row : measurements.observations) {
-    if (const auto* const distance = std::get_if<Distance>(&row.reading)) {
-      const auto [known, is_new] = configuration_of.try_emplace(distance->length, row.configuration);
-      distances += 1;
-      again += is_new || known->second == row.configuration ? 0 : 1;
-    }
-  }
-  return distances > 2 * again;
+  const std::vector<Observation>& rows = measurements.observations;
+  return std::any_of(rows.begin(), rows.end(), is_distance) && rows_of_stated_distances(measurements).empty();
 }
 
 // The step of the zero beside a step of all unknowns, at the optimum of the unknowns alone.

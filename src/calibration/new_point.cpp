@@ -39,6 +39,17 @@ NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise
           .degrees_of_freedom = noise.degrees_of_freedom};
 }
 
+std::map<std::int32_t, std::vector<double>> left_out_ratios(const std::vector<HeldOutPoint>& held_out,
+                                                            const NewPointNoise& noise) {
+  std::map<std::int32_t, std::vector<double>> ratios;
+  for (const HeldOutPoint& point : held_out) {
+    const double radius =
+        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise).radius_95;
+    ratios[point.configuration].push_back(point.residual.norm() / radius);
+  }
+  return ratios;
+}
+
 bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const {
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const double value = q[static_cast<Eigen::Index>(i)];
@@ -54,13 +65,8 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
   constexpr double kBeyond = 0.05;  // of the range
   constexpr std::size_t kFewest = 40;
   MeasuredRegion region;
-  const NewPointNoise noise_of_point = new_point_noise(noise);
-  std::map<std::int32_t, std::vector<double>> ratios;
+  const std::map<std::int32_t, std::vector<double>> ratios = left_out_ratios(held_out, new_point_noise(noise));
   for (const HeldOutPoint& point : held_out) {
-    const double radius =
-        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise_of_point)
-            .radius_95;
-    ratios[point.configuration].push_back(point.residual.norm() / radius);
     if (std::isfinite(point.covariance.trace())) {
       region.largest_variance = std::max(region.largest_variance, point.covariance.trace());
     }

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
+#include <map>
 #include <vector>
 
 #include "calibration/calibration_result.hpp"
@@ -32,6 +34,10 @@ NewPointNoise new_point_noise(const NoiseReport& noise);
 /// tr Sigma^2, the squared error over s^2 is about F with k and nu degrees of freedom (Satterthwaite 1946, Box 1954),
 /// nu those of tr S: radius s sqrt(F_0.95(k, nu)).
 NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise);
+
+/// The errors of left-out points over their radii, by configuration.
+std::map<std::int32_t, std::vector<double>> left_out_ratios(const std::vector<HeldOutPoint>& held_out,
+                                                            const NewPointNoise& noise);
 
 /// See MeasuredRegion.
 MeasuredRegion measured_region(const Measurements& measurements, const std::vector<HeldOutPoint>& held_out,

@@ -78,38 +78,18 @@ std::vector<AskedPoint> asked_points(const PointPredictor& predictor, const Erro
   return result;
 }
 
-double root_mean_square(const std::vector<double>& values) {
-  double squares = 0.0;
-  for (const double value : values) {
-    squares += value * value;
-  }
-  return std::sqrt(squares / std::max(static_cast<double>(values.size()), 1.0));
-}
-
-// The errors of left-out configurations over their radii.
-std::vector<double> left_out_ratios(const UncertainEstimate& uncertain) {
-  const NewPointNoise noise = new_point_noise(uncertain.noise);
-  std::map<std::int32_t, std::vector<double>> of_configurations;
-  for (const HeldOutPoint& point : uncertain.held_out) {
-    const NewPoint predicted =
-        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise);
-    of_configurations[point.configuration].push_back(point.residual.norm() / predicted.radius_95);
-  }
-  std::vector<double> result;
-  for (const auto& [configuration, ratios] : of_configurations) {
-    result.push_back(root_mean_square(ratios));
-  }
-  return result;
-}
-
 // The chance that test rows are off by so much more of their radius than left-out configurations are.
 double chance_beside_left_out(std::vector<double> tested, const UncertainEstimate& uncertain, double radius_factor) {
   constexpr double kMore = 1.5;  // times
-  const std::vector<double> left_out = left_out_ratios(uncertain);
+  std::vector<double> left_out;
+  for (const auto& [configuration, ratios] : left_out_ratios(uncertain.held_out, new_point_noise(uncertain.noise))) {
+    left_out.push_back(error_statistics(ratios).rms);
+  }
   for (double& ratio : tested) {
     ratio *= radius_factor;
   }
-  return root_mean_square(tested) > kMore * root_mean_square(left_out) ? rank_sum_upper_tail(tested, left_out) : 1.0;
+  const bool worse = error_statistics(tested).rms > kMore * error_statistics(left_out).rms;
+  return worse ? rank_sum_upper_tail(tested, left_out) : 1.0;
 }
 
 // Single coordinates and distances have no radius.
@@ -146,7 +126,7 @@ TestedRadius tested_radius(const PredictionBasis& basis, const UncertainEstimate
       holds = holds && !point.outside;
     }
     if (holds) {
-      ratios.push_back(root_mean_square(own));
+      ratios.push_back(error_statistics(std::move(own)).rms);
       result.configurations += 1;
       result.outside += ratios.back() > 1.0 ? 1 : 0;
     }

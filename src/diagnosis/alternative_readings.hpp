@@ -42,6 +42,11 @@ struct ReadingOptions {
   int threads = 1;
 };
 
+struct ReadingSearch {
+  std::vector<AlternativeReading> readings;
+  std::vector<DetectableMistake> detectable;  ///< see MistakeSearch; empty if another reading explains the measurements
+};
+
 /// Searches well-formed data for input mistakes, however small the misfit is. Tried are other readings of the joint
 /// values (see try_conventions), of the points (unit, mirror image, tool coordinates, targets exchanged from some
 /// configuration on), and the mistakes of likely_mistake(). `fit` is the result, in which `free` was estimated. A
@@ -49,12 +54,9 @@ struct ReadingOptions {
 /// reading. The difference must also be significant (F test). For poses, points are tried first, then orientations
 /// (inverses, reordered components, single ones), then points derived from the orientations. Uses train rows of up to
 /// 300 configurations spread over the file (75 for that last trial).
-struct ReadingSearch {
-  std::vector<AlternativeReading> readings;
-  std::vector<DetectableMistake> detectable;  ///< see MistakeSearch; empty if another reading explains the measurements
-};
 ReadingSearch search_readings(const ErrorModel& model, const Measurements& measurements, const Estimate& fit,
                               const Unknowns& free, const ReadingOptions& options = {});
+/// Its readings alone.
 std::vector<AlternativeReading> alternative_readings(const ErrorModel& model, const Measurements& measurements,
                                                      const Estimate& fit, const Unknowns& free,
                                                      const ReadingOptions& options = {});

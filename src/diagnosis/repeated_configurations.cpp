@@ -16,6 +16,7 @@
 #include "measurements/readings.hpp"
 #include "measurements/same_poses.hpp"
 #include "measurements/stations.hpp"
+#include "model/kinematics.hpp"
 #include "screening/gross_rows.hpp"
 
 namespace kdl_calibration {
@@ -136,14 +137,13 @@ Displacement displacement_of(const Differences& rows, bool on_flange) {
   VectorXd d(3 * count);
   for (Index i = 0; i < count; ++i) {
     const auto row = static_cast<std::size_t>(i);
-    const Vector3d& p = rows.points[row];
     d.segment<3>(3 * i) = rows.in_W[row];
     if (on_flange) {
       A.middleRows<3>(3 * i) = rows.R_WF[row];
       continue;
     }
     A.block<3, 3>(3 * i, 0).setIdentity();
-    A.block<3, 3>(3 * i, 3) << 0.0, p.z(), -p.y(), -p.z(), 0.0, p.x(), p.y(), -p.x(), 0.0;
+    A.block<3, 3>(3 * i, 3) = -skew(rows.points[row]);
   }
   return displacement(A, d);
 }

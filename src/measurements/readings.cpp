@@ -1,6 +1,7 @@
 #include "measurements/readings.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "base/decompositions.hpp"
 
@@ -94,6 +95,56 @@ Measurements from_zero(Measurements measurements, double zero) {
     }
   }
   return measurements;
+}
+
+FromZero::FromZero(const Measurements& measurements, double zero) : all_(measurements) {
+  if (zero != 0.0) {
+    shorter_ = from_zero(measurements, zero);
+  }
+}
+
+namespace {
+
+// Without the values of a single configuration; none if the others are fewer than half.
+template <class Value>
+std::map<Value, std::vector<std::size_t>> stated(const Measurements& measurements,
+                                                 std::map<Value, std::vector<std::size_t>> rows) {
+  const auto configuration = [&](std::size_t row) { return measurements.observations[row].configuration; };
+  std::size_t all = 0;
+  std::size_t repeated = 0;
+  std::erase_if(rows, [&](const auto& entry) {
+    const std::vector<std::size_t>& own = entry.second;
+    const bool once = std::all_of(own.begin(), own.end(),
+                                  [&](std::size_t row) { return configuration(row) == configuration(own.front()); });
+    all += own.size();
+    repeated += once ? 0 : own.size();
+    return once;
+  });
+  if (2 * repeated < all) {
+    rows.clear();
+  }
+  return rows;
+}
+
+}  // namespace
+
+std::map<std::array<double, 3>, std::vector<std::size_t>> rows_of_stated_places(const Measurements& measurements) {
+  std::map<std::array<double, 3>, std::vector<std::size_t>> rows;
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    const Vector3d& place = measurements.observations[row].position();
+    rows[{place.x(), place.y(), place.z()}].push_back(row);
+  }
+  return stated(measurements, std::move(rows));
+}
+
+std::map<double, std::vector<std::size_t>> rows_of_stated_distances(const Measurements& measurements) {
+  std::map<double, std::vector<std::size_t>> rows;
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    if (const auto* const distance = std::get_if<Distance>(&measurements.observations[row].reading)) {
+      rows[distance->length].push_back(row);
+    }
+  }
+  return stated(measurements, std::move(rows));
 }
 
 Measurements without_orientations(Measurements measurements) {

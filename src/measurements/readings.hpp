@@ -3,7 +3,11 @@
 // Residual, directions and number of equations of a reading.
 
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
+#include <map>
+#include <optional>
+#include <vector>
 
 #include "kdl_calibration/measurements.hpp"
 
@@ -59,6 +63,23 @@ Measurements without_observations(const Measurements& measurements);
 Measurements whole_points(const Measurements& measurements);
 /// The measurements with their distances counted from this zero: each is shorter by it.
 Measurements from_zero(Measurements measurements, double zero);
+/// The same, or without a zero the measurements themselves, to which a reference is kept.
+class FromZero {
+public:
+  FromZero(const Measurements& measurements, double zero);
+  FromZero(Measurements&&, double) = delete;
+
+  const Measurements& operator*() const { return shorter_ ? *shorter_ : all_; }
+
+private:
+  const Measurements& all_;
+  std::optional<Measurements> shorter_;
+};
+
+/// Rows by a value that stands in several configurations, if such rows are most of those that have one: measured values
+/// do not repeat. Places are those of sockets, planes and anchors.
+std::map<std::array<double, 3>, std::vector<std::size_t>> rows_of_stated_places(const Measurements& measurements);
+std::map<double, std::vector<std::size_t>> rows_of_stated_distances(const Measurements& measurements);
 /// The same rows with points instead of poses.
 Measurements without_orientations(Measurements measurements);
 /// The same rows in no known order.

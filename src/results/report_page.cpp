@@ -159,11 +159,11 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
       const double zero = result.contains("distance_zero") ? result["distance_zero"]["length"].get<double>() : 0.0;
-      const Measurements measured = from_zero(*page.measurements, zero);
-      const Estimate before = nominal_start(saved.model, measured, {.known = page.known});
+      const FromZero measured(*page.measurements, zero);
+      const Estimate before = nominal_start(saved.model, *measured, {.known = page.known});
       data["measured"] = measurements_block({.model = saved.model,
                                              .estimate = saved.estimate,
-                                             .measurements = measured,
+                                             .measurements = *measured,
                                              .before = &before,
                                              .convention = page.convention});
       data["effects"] = effects_block(saved, *page.measurements);

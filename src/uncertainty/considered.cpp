@@ -1,18 +1,15 @@
 #include "uncertainty/considered.hpp"
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <array>
 #include <cstddef>
 #include <functional>
-#include <map>
 #include <numbers>
 #include <numeric>
-#include <utility>
 #include <vector>
 
 #include "estimation/least_squares.hpp"
 #include "estimation/prediction.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 
 namespace kdl_calibration {
@@ -20,28 +17,6 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
-
-// Rows with the same value, by the value.
-template <std::size_t N>
-using RowsOf = std::map<std::array<double, N>, std::vector<std::size_t>>;
-
-// Those of several configurations, if they are most of the rows: measured values do not repeat.
-template <std::size_t N>
-RowsOf<N> stated(const Measurements& measurements, RowsOf<N> rows) {
-  const auto configuration = [&](std::size_t row) { return measurements.observations[row].configuration; };
-  std::size_t repeated = 0;
-  std::erase_if(rows, [&](const auto& entry) {
-    const std::vector<std::size_t>& own = entry.second;
-    const bool once = std::all_of(own.begin(), own.end(),
-                                  [&](std::size_t row) { return configuration(row) == configuration(own.front()); });
-    repeated += once ? 0 : own.size();
-    return once;
-  });
-  if (2 * repeated < measurements.observations.size()) {
-    rows.clear();
-  }
-  return rows;
-}
 
 using Disturbance = std::function<void(Observation& o, std::size_t row)>;
 
@@ -119,8 +94,7 @@ void move(Observation& row, const Vector3d& point, const Vector3d& step) {
 
 MatrixXd considered_steps(const FitProblem& fit, const MatrixXd& unit_covariance, const AssumedSigmas& sigmas) {
   constexpr std::size_t kMostRows = 20000;  // with more, places are measured
-  const std::vector<Observation>& observations = fit.measurements.observations;
-  std::vector<std::size_t> all(observations.size());
+  std::vector<std::size_t> all(fit.measurements.observations.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   Disturbances result(fit, unit_covariance);
   if (sigmas.scale > 0.0) {
@@ -138,26 +112,17 @@ MatrixXd considered_steps(const FitProblem& fit, const MatrixXd& unit_covariance
         },
         all);
   }
-  if (!(sigmas.length > 0.0) || observations.size() > kMostRows) {
+  if (!(sigmas.length > 0.0) || all.size() > kMostRows) {
     return result.steps();
   }
-  RowsOf<3> places;  // of sockets, planes or anchors
-  RowsOf<1> lengths;
-  for (const std::size_t row : all) {
-    const Vector3d& place = observations[row].position();
-    places[{place.x(), place.y(), place.z()}].push_back(row);
-    if (const auto* const distance = std::get_if<Distance>(&observations[row].reading)) {
-      lengths[{distance->length}].push_back(row);
-    }
-  }
-  for (const auto& [place, rows] : stated(fit.measurements, std::move(places))) {
+  for (const auto& [place, rows] : rows_of_stated_places(fit.measurements)) {
     for (int axis = 0; axis < 3; ++axis) {
       result.add(
           [&](Observation& o, std::size_t /*row*/) { o.position()[axis] += sigmas.length / std::numbers::sqrt2; },
           rows);
     }
   }
-  for (const auto& [length, rows] : stated(fit.measurements, std::move(lengths))) {
+  for (const auto& [length, rows] : rows_of_stated_distances(fit.measurements)) {
     result.add([&](Observation& o, std::size_t /*row*/) { std::get<Distance>(o.reading).length += sigmas.length; },
                rows);
   }

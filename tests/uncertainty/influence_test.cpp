@@ -209,6 +209,27 @@ TEST(Influence, IsEmptyWhereTheTriangleDoesNotDetermineAllColumns) {
   EXPECT_TRUE(influence(fixed, measured, {}, experiment.robot.truth, MatrixXd(3, 0)).configurations.empty());
 }
 
+// Sums over fits of the variances that the shifts give, and that white noise would have.
+struct Variances {
+  VectorXd stated;
+  VectorXd white;
+
+  explicit Variances(Eigen::Index columns) : stated(VectorXd::Zero(columns)), white(stated) {}
+  // Fits with this sigma of every coordinate.
+  Estimate add(const VirtualExperiment& experiment, const Measurements& measured, double sigma) {
+    ResidualOptions options;
+    options.noise.independent.setConstant(sigma);
+    const Identification fit = joint_fit(experiment, measured, {.residuals = options});
+    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
+    const MatrixXd R = problem.whitened_summary(fit.estimate).sqrt_information;
+    white += covariance(R, 1.0).diagonal();
+    for (const ConfigurationInfluence& entry : influence(problem, measured, options, fit.estimate, R).configurations) {
+      stated += entry.shift.cwiseAbs2();
+    }
+    return fit.estimate;
+  }
+};
+
 // A fit takes all noise for white, but each configuration has an error that its three points share. The outer products
 // of the shifts are the covariance of the estimate nevertheless: by Monte Carlo, of 12 configurations for 33 unknowns.
 TEST(InfluenceLongRun, ShiftsGiveTheCovarianceWhateverTheNoiseWithinAConfiguration) {
@@ -216,24 +237,15 @@ TEST(InfluenceLongRun, ShiftsGiveTheCovarianceWhateverTheNoiseWithinAConfigurati
   VirtualExperiment experiment = published();
   const MatrixXd q = experiment.configurations(12);
   VectorXd squares = VectorXd::Zero(experiment.free.size());
-  VectorXd stated = squares;
-  VectorXd white = squares;
+  Variances sums(experiment.free.size());
   for (int trial = 0; trial < kTrials; ++trial) {
     const Measurements measured =
         without_sigmas(experiment.measure(q, {.sigma = 1e-6, .common = Eigen::Vector3d::Constant(3e-6)}));
-    ResidualOptions options;
-    options.noise.independent.setConstant(std::hypot(1e-6, 3e-6));
-    const Identification fit = joint_fit(experiment, measured, {.residuals = options});
-    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
-    const MatrixXd R = problem.whitened_summary(fit.estimate).sqrt_information;
-    squares += column_errors(experiment, fit.estimate, experiment.robot.truth).cwiseAbs2();
-    white += covariance(R, 1.0).diagonal();
-    for (const ConfigurationInfluence& entry : influence(problem, measured, options, fit.estimate, R).configurations) {
-      stated += entry.shift.cwiseAbs2();
-    }
+    const Estimate estimate = sums.add(experiment, measured, std::hypot(1e-6, 3e-6));
+    squares += column_errors(experiment, estimate, experiment.robot.truth).cwiseAbs2();
   }
-  const VectorXd ratio = (stated.array() / squares.array()).sqrt();
-  const VectorXd of_white = (white.array() / squares.array()).sqrt();
+  const VectorXd ratio = (sums.stated.array() / squares.array()).sqrt();
+  const VectorXd of_white = (sums.white.array() / squares.array()).sqrt();
   testing::record("stated sigma over true, mean", ratio.mean());
   testing::record("the same of white noise", of_white.mean());
   EXPECT_NEAR(ratio.mean(), 1.0, 0.1);
@@ -247,21 +259,12 @@ TEST(Influence, ShiftsOfWhiteNoiseAddUpToTheCovariance) {
   constexpr int kTrials = 60;
   VirtualExperiment experiment = published();
   const MatrixXd q = experiment.configurations(20);
-  VectorXd stated = VectorXd::Zero(experiment.free.size());
-  VectorXd white = stated;
+  Variances sums(experiment.free.size());
   for (int trial = 0; trial < kTrials; ++trial) {
     const Measurements measured = without_sigmas(experiment.measure(q, {.sigma = 1e-6}));
-    ResidualOptions options;
-    options.noise.independent.setConstant(1e-6);
-    const Identification fit = joint_fit(experiment, measured, {.residuals = options});
-    const LeastSquaresProblem problem(experiment.model, measured, experiment.free, options);
-    const MatrixXd R = problem.whitened_summary(fit.estimate).sqrt_information;
-    white += covariance(R, 1.0).diagonal();
-    for (const ConfigurationInfluence& entry : influence(problem, measured, options, fit.estimate, R).configurations) {
-      stated += entry.shift.cwiseAbs2();
-    }
+    sums.add(experiment, measured, 1e-6);
   }
-  EXPECT_NEAR((stated.array() / white.array()).mean(), 1.0, 0.05);
+  EXPECT_NEAR((sums.stated.array() / sums.white.array()).mean(), 1.0, 0.05);
 }
 
 }  // namespace
