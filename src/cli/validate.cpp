@@ -105,6 +105,17 @@ Json with_limits(const PositionErrors& errors, Json result) {
   return result;
 }
 
+// Judged by those limits; where that is another number than the one printed, the value says so.
+std::vector<Judged> judged(const std::vector<Requirement>& requirements, const PositionErrors& errors,
+                           const Json& result) {
+  const std::vector<Judged> as_printed = outcomes_of(requirements, result);
+  std::vector<Judged> outcomes = outcomes_of(requirements, with_limits(errors, result));
+  for (std::size_t i = 0; i < outcomes.size(); ++i) {
+    outcomes[i].value += outcomes[i].value == as_printed[i].value ? "" : " (upper 95 % limit)";
+  }
+  return outcomes;
+}
+
 std::string line(const std::string& label, const ErrorStatistics& statistics) {
   return statistics.count == 0 ? std::string() : statistics_row(label, statistics);
 }
@@ -244,7 +255,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
     doubts.push_back(doubt.message);
   }
   const Json result = json(errors, measurements);
-  const std::vector<Judged> outcomes = outcomes_of(requirements, with_limits(errors, result));
+  const std::vector<Judged> outcomes = judged(requirements, errors, result);
   const std::vector<std::string> missed = unfulfilled(outcomes);
   for (OutputFile& file : files) {
     const ErrorModel model = at_stations_of(measurements, arm->model);
