@@ -282,14 +282,22 @@ NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const 
 struct LeftOut {
   const std::vector<HeldOutPoint>& points;
   double optimism = 1.0;
-  const Eigen::MatrixXd& assumed;  // see considered_steps()
+  const Eigen::MatrixXd& assumed;  // steps of the estimate, see considered_steps(): no left-out row shows them
 };
+
+// What the errors of scale, of stated lengths and of the zero of distances do to the estimate.
+Eigen::MatrixXd assumed_steps(const WeighedFit& fitted, const Assessment& assessed, const NoiseOptions& noise,
+                              const std::optional<DistanceZero>& zero) {
+  return considered_steps(at_optimum(fitted), covariance(assessed.root, 1.0),
+                          {.scale = noise.scale_sigma, .length = noise.length_sigma, .zero = zero ? zero->sigma : 0.0});
+}
 
 // Base, targets and errors with their uncertainty, and the predicted accuracy.
 Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const TrainingRows& rows,
                         const LeftOut& left_out, const Configurations& asked) {
   const FitProblem& problem = fitted.problem;
   const DeterminedFit& fit = fitted.fit;
+  assessed.covariance += left_out.assumed * left_out.assumed.transpose();
   Uncertainty result;
   result.predicted = predicted_accuracy({.model = problem.model,
                                          .fit = fit,
@@ -399,6 +407,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
 
+  // The geometry alone, then which effects and priors predict better.
   FitProblem rigid = weighed_for_selection(stated, options);
   const std::optional<ContinuedResult> with_earlier = continued(rigid, options);
   const DeterminedFit rigid_fit =
@@ -406,21 +415,21 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   const ModelSelectionTask choice = selection_task(rigid, rigid_fit, options);
   const ModelSelection selection = chosen_model(choice, rigid_fit, measurements, options, with_earlier);
 
+  // The chosen model, weighted by the noise that it leaves.
   const NoiseBeforehand noise = noise_beforehand(*rows, options);
   CalibrationResult result{
       .settings = options, .model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
+  fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
   fitted.fit.identification = with_open_directions(fitted.fit.identification, assessed, options.parameters.model);
 
-  fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
+  // Against the fitted, the test and the left-out rows, and what no row can show.
   Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));
-  const Eigen::MatrixXd assumed = considered_steps(
-      at_optimum(fitted), covariance(assessed.root, 1.0),
-      {.scale = options.noise.scale_sigma, .length = options.noise.length_sigma, .zero = zero ? zero->sigma : 0.0});
-  assessed.covariance += assumed * assumed.transpose();
+  const Eigen::MatrixXd assumed = assumed_steps(fitted, assessed, options.noise, zero);
   GrossRows gross = search == GrossRowSearch::yes ? gross_rows(fitted, options) : GrossRows();
+
   result.distance_zero = zero;
   result.noise = noise_report(assessed.noise, fitted.problem, options);
   result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
@@ -483,7 +492,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   result.diagnosis = diagnose(
       result, *fitted, std::move(found.findings), std::move(gross),
       {options.diagnosis, options.parameters, found.ambiguity, found.warnings, options.threads, options.progress});
-  if (result.exported.nominal_kept) {
+  if (result.exported.nominal_kept) {  // doubts are of what was fitted
     result.accuracy = with_nominal_exported(result.accuracy);
   }
   return std::move(found.result);

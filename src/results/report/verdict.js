@@ -207,7 +207,7 @@ function detectableTable() {
   return [el("h3", {}, "Mistakes that would have shown"),
     table(["mistake", " smallest", " at the points [mm]", " predictions off by [mm]"],
       mistakes.map((m) => [m.subject, size(m), mm(m.size), mm(m.moves)]), { label: "Detectable mistakes", class: "detectable" }),
-    note("The smallest mistake of each kind that these measurements would have shown in 80 of 100 cases, along its least visible direction, and what a hidden one of that size does to predictions (minimal detectable bias and external reliability).")];
+    note("The smallest mistake of each kind that these measurements would have shown in about 80 of 100 cases, along its least visible direction, and what a hidden one of that size does to predictions (minimal detectable bias and external reliability).")];
 }
 function askedTable() {
   const asked = (RESULT.predicted_accuracy || {}).asked || [];
