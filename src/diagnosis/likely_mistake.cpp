@@ -104,11 +104,14 @@ void try_constants(const OrdinaryFit& fit, const Explanations& explanations, std
       }
     });
     constants.add(explanations, explanations.sums(zero), [&] { return constant("all distances"); });
-  } else if (fit.has_tracker()) {  // which is at the origin of W
+  } else if (fit.has_tracker() || fit.is_seen_from_afar()) {  // from the origin of W
     const MatrixXd sight = fit.disturbed([](Observation& o, const Vector3d& predicted, double step) {
       o.position() += step * predicted.stableNormalized();
     });
-    constants.add(explanations, explanations.sums(sight), [&] { return constant("distances from the tracker"); });
+    constants.add(explanations, explanations.sums(sight), [&] {
+      return constant(fit.has_tracker() ? "distances from the tracker"
+                                        : "distances from the origin of the coordinates");
+    });
   }
   families.push_back(std::move(constants));
 }

@@ -323,6 +323,12 @@ MatrixXd OrdinaryFit::disturbed(const Disturbance& disturb) const {
   return (turned(whitened(rows, {}).residual) - linear_.residual) / kStep;
 }
 
+bool OrdinaryFit::is_seen_from_afar() const {
+  const double length = arm_length(model_);
+  return std::all_of(estimate_.frames.bases.begin(), estimate_.frames.bases.end(),
+                     [&](const Eigen::Isometry3d& X_WB) { return X_WB.translation().norm() > length; });
+}
+
 std::size_t OrdinaryFit::station(Index configuration) const {
   return static_cast<std::size_t>(stations_[static_cast<std::size_t>(configuration)]);
 }

@@ -47,8 +47,10 @@ public:
   const KnownFrames& known() const { return fit_.known; }
   double scale_sigma() const { return fit_.scale_sigma; }
   Eigen::Index columns() const { return wide_.size(); }
-  /// Whether the origin of W is that of a tracker.
+  /// Whether the noise is stated as that of a tracker, which is at the origin of W.
   bool has_tracker() const { return options_.noise.tracker.has_value(); }
+  /// Whether the origin of W, of every station, is farther from the base than the arm is long: where a device stands.
+  bool is_seen_from_afar() const;
   /// [m] RMS of the doubted result over the rows, along their measured directions.
   double misfit() const { return misfit_; }
 

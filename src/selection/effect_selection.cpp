@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <functional>
 #include <numbers>
 #include <numeric>
@@ -12,9 +13,11 @@
 
 #include "base/counted_fits.hpp"
 #include "base/parallel.hpp"
+#include "base/text.hpp"
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 #include "selection/effect_candidates.hpp"
 #include "selection/effect_groups.hpp"
@@ -128,8 +131,8 @@ public:
     result.not_compared = static_cast<std::size_t>(scorer_.not_compared());
     result.rigid_priors = scorer_.priors_of(route.score, route.model.sized);
     if (options.effects.automatic) {
-      result.not_tried = groups_not_allowed(configurations());
       add_what_helps(route, tried);
+      result.not_tried = groups_not_tried(route);
     } else {
       add_asked(route, tried);
     }
@@ -228,6 +231,38 @@ private:
     return ripple;
   }
 
+  // How many configurations like the measured ones carry a model with one more group: others could hide a mistake in
+  // its terms. However many points are measured of it, a configuration shows no more than the pose of the flange.
+  // Tables are one smooth function of a joint however many terms they have.
+  Index configurations_for(const CandidateModel& model, const EffectOption& option) const {
+    constexpr double kEquations = 1.5;  // of each unknown
+    if (is_tables(option) || is_ripple(option)) {
+      return 0;
+    }
+    std::vector<double> of_configuration(static_cast<std::size_t>(configurations()), 0.0);
+    for (const Observation& o : means_.observations) {
+      of_configuration[static_cast<std::size_t>(o.configuration)] +=
+          dimension(o.reading) + (has_orientation(o) ? 3.0 : 0.0);
+    }
+    const double equations =
+        std::accumulate(of_configuration.begin(), of_configuration.end(), 0.0,
+                        [](double sum, double coordinates) { return sum + std::min(coordinates, 6.0); });
+    const double unknowns =
+        static_cast<double>(task_.free.size()) + static_cast<double>(model.terms.size() + option.terms.size());
+    return static_cast<Index>(std::ceil(kEquations * unknowns * static_cast<double>(configurations()) / equations));
+  }
+
+  std::string groups_not_tried(const Route& route) const {
+    std::string text = groups_not_allowed(configurations());
+    for (const EffectOption& option : route.left) {
+      if (const Index needed = configurations_for(route.model, option); needed > configurations()) {
+        text += fmt::format("{}{} ({} configurations needed beside {})", text.empty() ? "" : "; ", option.name, needed,
+                            route.model.names.empty() ? "the geometry" : comma_separated(route.model.names));
+      }
+    }
+    return text;
+  }
+
   // Tables can imitate nearly every other effect. If they were added before other helpful groups, a second route adds
   // those first and tables last.
   void add_what_helps(Route& route, TriedModels& tried) const {
@@ -287,7 +322,7 @@ private:
     std::optional<Step> best;
     for (std::size_t i = 0; i < route.left.size(); ++i) {
       EffectOption& option = route.left[i];
-      if (!is_asked(option)) {
+      if (!is_asked(option) || configurations_for(route.model, option) > configurations()) {
         continue;
       }
       ModelScore with = scorer_.score_of(extended(route.model, option), tried, wanted);
