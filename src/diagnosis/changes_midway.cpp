@@ -68,6 +68,19 @@ struct Changeable {
   std::optional<std::size_t> station = std::nullopt;  // … of that station alone
 };
 
+// Of each joint the sag under the mass that is nearest to the tip: the last of its loads.
+std::vector<std::size_t> payload_effects(const OrdinaryFit& fit) {
+  std::map<std::int32_t, std::size_t> last;
+  for (const std::size_t d : fit.effects_of(EffectGroup::gravity)) {
+    last[fit.model().effects[d].index] = d;
+  }
+  std::vector<std::size_t> result;
+  for (const auto& [joint, effect] : last) {
+    result.push_back(effect);
+  }
+  return result;
+}
+
 std::vector<Changeable> changeable(const OrdinaryFit& fit) {
   std::vector<Changeable> result;
   for (std::size_t station = 0; station < fit.rows().stations.size(); ++station) {
@@ -95,7 +108,7 @@ std::vector<Changeable> changeable(const OrdinaryFit& fit) {
                         .unit = fit.model().joints[joint].type == JointType::prismatic ? "mm" : "mrad"});
     }
   }
-  if (const std::vector<std::size_t> loads = fit.effects_of(EffectGroup::gravity); !loads.empty()) {
+  if (const std::vector<std::size_t> loads = payload_effects(fit); !loads.empty()) {
     result.push_back({.cause = Cause::payload_changed,
                       .columns = fit.unit_columns(UnknownGroup::effects, loads),
                       .subject = "the payload"});

@@ -86,6 +86,7 @@ void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::
 }
 
 void try_constants(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
+  constexpr double kLargestReflector = 0.05;  // [m] its radius, or that of another one
   const auto constant = [](const std::string& which) {
     return MistakeTrial{.cause = Cause::distance_zero,
                         .subject = which + " by the same length",
@@ -109,8 +110,10 @@ void try_constants(const OrdinaryFit& fit, const Explanations& explanations, std
       o.position() += step * predicted.stableNormalized();
     });
     constants.add(explanations, explanations.sums(sight), [&] {
-      return constant(fit.has_tracker() ? "distances from the tracker"
-                                        : "distances from the origin of the coordinates");
+      MistakeTrial trial =
+          constant(fit.has_tracker() ? "distances from the tracker" : "distances from the origin of the coordinates");
+      trial.largest = kLargestReflector;
+      return trial;
     });
   }
   families.push_back(std::move(constants));
@@ -204,6 +207,13 @@ struct Found {
   double radius = 0.0;  // [m] of predictions without the mistake
 };
 
+// Where the effects of the result are doubted as well, whether the mistake explains the measurements as well as they
+// do, with its own number of unknowns.
+bool explains_as_well(const OrdinaryFit& fit, const Explained& explained) {
+  return fit.is_beside_effects() ||
+         fit.misfit() * std::sqrt(explained.share_left) <= fit.misfit_without_effects(explained.estimate.size());
+}
+
 std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const Explanations& explanations,
                              const OrdinaryFit& fit, double uncertainty) {
   constexpr double kHopeless = -5.0;  // first evidence
@@ -228,7 +238,7 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
                       .evidence = explained.evidence - std::log(family->trials),
                       .left = left,
                       .radius = radius};
-    const bool significant = explained.p_value * family->trials < kFalseAlarm;
+    const bool significant = explained.p_value * family->trials < kFalseAlarm && explains_as_well(fit, explained);
     const bool matters = std::min(explained.moves, explained.size) > radius &&
                          explained.estimate.norm() <= family->best->largest &&
                          explained.estimate.norm() >= family->best->least;
@@ -240,10 +250,15 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
 }
 
 AlternativeReading said(const Found& found, const OrdinaryFit& fit) {
+  const std::string mistake = found.trial.words(found.explained);
+  const std::string explained =
+      fit.is_beside_effects()
+          ? fmt::format("as read the measurements leave a misfit of {}; with {} it is {}", said_length(fit.misfit()),
+                        mistake, said_length(found.left))
+          : fmt::format("with effects the measurements leave a misfit of {}; without, but with {}, it is {}",
+                        said_length(fit.misfit()), mistake, said_length(found.left));
   return {.cause = found.trial.cause,
-          .message = fmt::format("as read the measurements leave a misfit of {}; with {} it is {}, and predictions "
-                                 "move by {} (their radius: {}); {}",
-                                 said_length(fit.misfit()), found.trial.words(found.explained), said_length(found.left),
+          .message = fmt::format("{}, and predictions move by {} (their radius: {}); {}", explained,
                                  said_length(found.explained.moves), said_length(found.radius), kUsedAsRead)};
 }
 
@@ -295,20 +310,10 @@ Search best_mistake(const OrdinaryFit& fit, const FitToDoubt& doubted) {
           .detectable = detectable(families, explanations, kRadius * std::hypot(doubted.uncertainty, fit.misfit()))};
 }
 
-}  // namespace
-
 // A configuration of its own is named by other checks. What remains without it is looked at again.
-MistakeSearch likely_mistake(const FitToDoubt& fit) {
+MistakeSearch likely_beside(const FitToDoubt& fit) {
   constexpr int kMostLeftOut = 3;
   MistakeSearch result;
-  const bool any_stated = !fit.known.bases.empty() || !fit.known.targets.empty();
-  if (!fit.fix.empty() && any_stated) {  // where errors are held, a stated frame alone
-    const OrdinaryFit ordinary(fit);
-    if (const std::optional<Found> found = best_mistake(ordinary, fit).found) {
-      result.mistake = said(*found, ordinary);
-      return result;
-    }
-  }
   std::optional<Measurements> fewer;
   for (int round = 0; round <= kMostLeftOut; ++round) {
     const Measurements& rows = fewer ? *fewer : fit.measurements;
@@ -321,7 +326,8 @@ MistakeSearch likely_mistake(const FitToDoubt& fit) {
                           .known = fit.known,
                           .uncertainty = fit.uncertainty,
                           .stated = fit.stated,
-                          .scale_sigma = fit.scale_sigma};
+                          .scale_sigma = fit.scale_sigma,
+                          .beside_effects = fit.beside_effects};
     const OrdinaryFit ordinary(rest);
     Search search = best_mistake(ordinary, rest);
     result.detectable = std::move(search.detectable);
@@ -337,6 +343,25 @@ MistakeSearch likely_mistake(const FitToDoubt& fit) {
       return rows.configurations[static_cast<std::size_t>(o.configuration)] == *search.found->trial.alone;
     });
     fewer = std::move(without);
+  }
+  return result;
+}
+
+}  // namespace
+
+MistakeSearch likely_mistake(const FitToDoubt& fit) {
+  const bool any_stated = !fit.known.bases.empty() || !fit.known.targets.empty();
+  if (!fit.fix.empty() && any_stated) {  // where errors are held, a stated frame alone
+    const OrdinaryFit ordinary(fit);
+    if (const std::optional<Found> found = best_mistake(ordinary, fit).found) {
+      return {.mistake = said(*found, ordinary), .detectable = {}};
+    }
+  }
+  MistakeSearch result = likely_beside(fit);
+  if (!result.mistake && !fit.model.effects.empty()) {
+    FitToDoubt instead = fit;
+    instead.beside_effects = false;
+    result.mistake = likely_beside(instead).mistake;
   }
   return result;
 }

@@ -21,8 +21,9 @@ struct MistakeSearch {
 ///   base that drifts.
 /// A visit is a repeat of a configuration, in the order of measurement, else in that of the file. None if none is
 /// significant among all trials of its kind and moves predictions in the measured ranges by more than the radius (95 %)
-/// that they would have without it. Where a single configuration explains more, it is left out first. At most 3,000
-/// configurations are used, and 300 places of a change.
+/// that they would have without it. If there is none beside the effects of the result, one is sought instead of them:
+/// it must explain the measurements as well, for its number of unknowns. Where a single configuration explains more, it
+/// is left out first. At most 3,000 configurations are used, and 300 places of a change.
 MistakeSearch likely_mistake(const FitToDoubt& fit);
 
 }  // namespace kdl_calibration

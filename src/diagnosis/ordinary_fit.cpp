@@ -37,8 +37,11 @@ constexpr double kOrdinarySag = 5e-4;     // [rad or m] of a joint under gravity
 constexpr double kOrdinaryEffect = 1e-4;  // [rad or m] of any other effect
 constexpr double kAnywhere = 10.0;        // [m or rad] of a frame of which nothing is known
 
-// The model with all effects that a joint ordinarily has, beside those of the fit.
-ErrorModel with_usual_effects(ErrorModel model) {
+// The model with all effects that a joint ordinarily has, beside those of the fit or instead of them.
+ErrorModel with_usual_effects(ErrorModel model, bool beside_effects) {
+  if (!beside_effects) {
+    model.effects.clear();
+  }
   for (EffectTerm& term : load_and_gain_terms(model)) {
     const auto is_same = [&](const EffectTerm& other) { return other.name == term.name; };
     if (std::none_of(model.effects.begin(), model.effects.end(), is_same)) {
@@ -72,7 +75,7 @@ constexpr std::size_t kMostSampled = 3000;  // configurations
 OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
     : fit_(fit),
       rows_(training_sample(fit.measurements, kMostSampled)),
-      model_(with_usual_effects(fit.model)),
+      model_(with_usual_effects(fit.model, fit.beside_effects)),
       estimate_(fit.estimate),
       wide_(Unknowns(model_, fit.estimate.frames.targets, {})
                 .with_group(model_, UnknownGroup::base)
@@ -80,13 +83,12 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
                 .with_group(model_, UnknownGroup::effects)
                 .with_group(model_, UnknownGroup::targets)),
       stations_(stations_of_configurations(rows_)) {
-  const Index known = estimate_.effects.size();
+  const Index known = fit.beside_effects ? estimate_.effects.size() : 0;
   estimate_.effects.conservativeResize(std::ssize(model_.effects));
   estimate_.effects.tail(std::ssize(model_.effects) - known).setZero();
   options_.noise = fit.stated;
-  result_ = estimate_;
   double squares = 0.0;
-  for (const Vector3d& residual : residuals_of(model_, result_, rows_)) {
+  for (const Vector3d& residual : residuals_of(fit.model, fit.estimate, rows_)) {
     squares += residual.squaredNorm();
   }
   misfit_ = std::sqrt(squares / static_cast<double>(rows_.observations.size()));
@@ -94,11 +96,13 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
   blocks_ = whitened(rows_, wide_).blocks;
   split_into_strata();
   set_sizes();
-  linearise();
+  const VectorXd doubted =
+      turned(LeastSquaresProblem(fit.model, rows_, {}, options_).whitened(fit.estimate).residual.head(blocks_.back()));
   for (std::size_t row = 0; row < linear_.strata.size(); ++row) {
-    const double residual = linear_.residual[static_cast<Index>(row)];
+    const double residual = doubted[static_cast<Index>(row)];
     linear_.doubted_squares += linear_.strata[row] != RowStratum::orientations ? residual * residual : 0.0;
   }
+  linearise();
   // A result with few parameters may have larger errors than the arm: they are far from the ordinary ones.
   constexpr int kMostSteps = 5;
   constexpr double kNear = 0.2;  // of ordinary sizes
@@ -153,18 +157,19 @@ void OrdinaryFit::set_sizes() {
 void OrdinaryFit::predict() {
   constexpr int kPredicted = 200;
   Random random(1);
-  const bool measured = needs_torques(model_);
+  const bool measured = needs_torques(fit_.model);
   const Measurements sample = training_sample(rows_, kPredicted);
   const MatrixXd places =
       measured ? sample.joint_values : random_configurations(model_.joints, trained_ranges(rows_), kPredicted, random);
   const DriveSignals signals = measured ? sample.signals : DriveSignals();
   const PositionPredictor predictor(model_, estimate_, wide_);
   const std::vector<Eigen::Isometry3d> here = flange_poses(model_, estimate_, places, signals);
-  const std::vector<Eigen::Isometry3d> doubted = flange_poses(model_, result_, places, signals);
+  const Estimate& result = fit_.estimate;
+  const std::vector<Eigen::Isometry3d> doubted = flange_poses(fit_.model, result, places, signals);
   // Of the arm alone, along the axes of W, where W and the base are no single frame: as the predictor does.
   const bool alone = model_.has_open_bases || estimate_.frames.bases.size() > 1;
   const Eigen::Isometry3d X_WB = estimate_.frames.base();
-  const Eigen::Isometry3d X_WB_doubted = alone ? X_WB : result_.frames.base();
+  const Eigen::Isometry3d X_WB_doubted = alone ? X_WB : result.frames.base();
   const std::size_t targets = estimate_.frames.targets.size();
   linear_.predicted = MatrixXd(3 * static_cast<Index>(targets) * places.cols(), wide_.size());
   linear_.offset = VectorXd(linear_.predicted.rows());
@@ -175,7 +180,7 @@ void OrdinaryFit::predict() {
     for (std::size_t k = 0; k < targets; ++k) {
       linear_.predicted.middleRows<3>(row) = jacobians[k];
       linear_.offset.segment<3>(row) = X_WB * here[c] * estimate_.frames.targets[k].X_FT.translation() -
-                                       X_WB_doubted * doubted[c] * result_.frames.targets[k].X_FT.translation();
+                                       X_WB_doubted * doubted[c] * result.frames.targets[k].X_FT.translation();
       row += 3;
     }
   }
@@ -321,6 +326,12 @@ MatrixXd OrdinaryFit::disturbed(const Disturbance& disturb) const {
     disturb(observation, predicted_point(estimate_, X_BF, observation), kStep);
   }
   return (turned(whitened(rows, {}).residual) - linear_.residual) / kStep;
+}
+
+double OrdinaryFit::misfit_without_effects(Index columns) const {
+  const double coordinates = linear_.coordinates.sum();
+  const double left = coordinates - static_cast<double>(fit_.model.effects.size());
+  return misfit_ * std::sqrt(std::max((coordinates - static_cast<double>(columns)) / std::max(left, 1.0), 1.0));
 }
 
 bool OrdinaryFit::is_seen_from_afar() const {

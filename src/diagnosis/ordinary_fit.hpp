@@ -30,6 +30,7 @@ struct FitToDoubt {
   double uncertainty = 0.0;           ///< [m] 3D 1 sigma of predictions, from the parameters alone
   NoiseModel stated = {};             ///< noise of the measurements
   double scale_sigma = 0.0;           ///< of a factor on all lengths: what is in every uncertainty is no mistake
+  bool beside_effects = true;         ///< false: the effects of the model are doubted as well, and not held as ordinary
 };
 
 /// Every geometric error, sag under gravity and gain has an ordinary size, the fit's other effects a small one; frames
@@ -53,6 +54,10 @@ public:
   bool is_seen_from_afar() const;
   /// [m] RMS of the doubted result over the rows, along their measured directions.
   double misfit() const { return misfit_; }
+  bool is_beside_effects() const { return fit_.beside_effects; }
+  /// The same that would be left by a model as good as the doubted one but with `columns` unknowns instead of its
+  /// effects.
+  double misfit_without_effects(Eigen::Index columns) const;
 
   std::size_t station(Eigen::Index configuration) const;
   /// First row of a configuration, and their number.
@@ -89,7 +94,6 @@ private:
   Measurements rows_;
   ErrorModel model_;
   Estimate estimate_;  // about which is linearised
-  Estimate result_;    // that is doubted
   Unknowns wide_;
   std::vector<std::int16_t> stations_;
   ResidualOptions options_;
