@@ -93,25 +93,29 @@ std::string hash_of(const Measurements& measurements) {
                                  add(some.count);
                                },
                                [&](const Distance& distance) { add(distance.length); }};
-  add_each(measurements.joint_values);
-  add_each(measurements.signals.approach);
-  add_each(measurements.signals.torques);
-  add(measurements.observations.size());
-  for (const Observation& row : measurements.observations) {
-    add(row.reading.index());
+  // The bindings name every member: a new one does not compile before somebody decides whether it belongs to the hash.
+  const auto& [source, joints, joint_values, configurations, targets, stations, observations, joint_units, remark,
+               signals] = measurements;
+  const auto& [approach, torques] = signals;
+  add_each(joint_values);
+  add_each(approach);
+  add_each(torques);
+  add(observations.size());
+  for (const Observation& row : observations) {
+    const auto& [reading, sigma, order, configuration, target, repeat, split, station] = row;
+    add(reading.index());
     add_each(row.position());
-    std::visit(add_kind, row.reading);
-    add(row.sigma);
-    add(row.order.has_value());
-    add(row.order.value_or(0));
-    add(row.configuration);
-    add(row.target);
-    add(row.repeat);
-    add(row.split);
-    add(row.station);
+    std::visit(add_kind, reading);
+    add(sigma);
+    add(order.has_value());
+    add(order.value_or(0));
+    add(configuration);
+    add(target);
+    add(repeat);
+    add(split);
+    add(station);
   }
-  for (const std::vector<std::string>* names :
-       {&measurements.joints, &measurements.configurations, &measurements.targets, &measurements.stations}) {
+  for (const std::vector<std::string>* names : {&joints, &configurations, &targets, &stations}) {
     add(names->size());
     for (const std::string& name : *names) {
       add(name.size());
