@@ -33,9 +33,13 @@ enum class Weights {
   repeats     ///< as automatic; repeats are required
 };
 
+constexpr int kJointIterations = 50;        ///< default limit of the joint estimator
+constexpr int kTwoStepRounds = 1000;        ///< default limit of the two-step one
+constexpr int kMostIterations = 1'000'000;  ///< largest limit
+
 struct EstimatorOptions {
   Method method = Method::joint;
-  int iterations = 0;  ///< limit; 0: 50 for the joint estimator, 1000 rounds for the two-step one
+  int iterations = 0;  ///< limit up to kMostIterations; 0: kJointIterations, for two-step kTwoStepRounds
   Loss loss = Loss::none;
 };
 

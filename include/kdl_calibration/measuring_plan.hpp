@@ -18,8 +18,11 @@
 
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
+/// Largest number of configurations of a plan.
+constexpr int kMostPlanned = 2000;
+
 struct PlanOptions {
-  int count = 30;                                     ///< configurations
+  int count = 30;                                     ///< configurations, at most kMostPlanned
   std::vector<TargetFrame> targets = {};              ///< on the flange; empty: the three published ones
   JointRanges ranges = {};                            ///< where the joints may go; empty: their limits
   double noise = 3e-5;                                ///< [m] 1 sigma of every measured coordinate

@@ -9,8 +9,6 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr int kMostIterations = 1'000'000;
-
 // An earlier result decides parameters, priors and effects, and its gauge needs a free base and free targets.
 void require_no_other_choice(const CalibrationOptions& options) {
   const ParameterOptions& parameters = options.parameters;

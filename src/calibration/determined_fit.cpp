@@ -17,8 +17,6 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr int kTwoStepRounds = 1000;
-
 struct Fitted {
   Identification identification;
   RobustRows robust;

@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "base/counted_fits.hpp"
+#include "base/degree.hpp"
 #include "measurements/same_poses.hpp"
 #include "measurements/training_rows.hpp"
 #include "validation/fold_sums.hpp"
@@ -245,10 +246,10 @@ std::vector<std::string> said_of_neighbours(const Folds& singly) {
   if (together == 0) {
     return {};
   }
-  return {
-      fmt::format("configurations that are neighbours of others (no joint differs by more than 3 degrees, 50 mm or a "
-                  "twentieth of its range): {}, left out together with those",
-                  together)};
+  return {fmt::format(
+      "configurations that are neighbours of others (no joint differs by more than {:.0f} degrees, {:.0f} mm or a "
+      "twentieth of its range): {}, left out together with those",
+      kNeighbourDistance / kDegree, kNeighbourDistance * 1e3, together)};
 }
 
 // Adds the errors at left-out configurations to `rows`. `rigid`: the fit of the robot that a URDF can represent.

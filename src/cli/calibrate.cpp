@@ -25,6 +25,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "effects/joint_effects.hpp"
+#include "estimation/residual_options.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -340,9 +341,9 @@ void refuse_old_names(CLI::App& app) {
 
 void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
   add_word(app, "--method", arguments.method, {"joint", "two-step"}, "Estimator: joint or two-step");
-  limit_count(
-      app.add_option("--iterations", arguments.options.estimator.iterations, "Limit [50, or 1000 rounds of two-step]"),
-      {1, 1'000'000});
+  limit_count(app.add_option("--iterations", arguments.options.estimator.iterations,
+                             fmt::format("Limit [{}, or {} rounds of two-step]", kJointIterations, kTwoStepRounds)),
+              {1, kMostIterations});
   add_word(app, "--model", arguments.model, {"irreducible", "complete"}, "Parameters: irreducible or complete");
   add_list(app, "--fix", arguments.options.parameters.fix,
            "Parameters not to estimate, names or patterns such as *4, base.*")
@@ -395,8 +396,10 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
            length)
       ->type_name("M,...");
   add_tracker_noise(app, arguments.tracker);
-  app.add_option("--orientation-sigma", arguments.options.noise.stated.orientation,
-                 "1 sigma of a component of measured orientations, rad [from the repeats, or as 0.3 m of lever]")
+  app.add_option(
+         "--orientation-sigma", arguments.options.noise.stated.orientation,
+         fmt::format("1 sigma of a component of measured orientations, rad [from the repeats, or as {} m of lever]",
+                     kOrientationLength))
       ->type_name("RAD")
       ->check(number_from(0.0, "an angle in radians, 0 or more"));
   NoiseOptions& noise = arguments.options.noise;

@@ -21,6 +21,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/measuring_plan.hpp"
 #include "planning/places_plan.hpp"
 #include "planning/planner.hpp"
 #include "results/saved_calibration.hpp"
@@ -410,10 +411,11 @@ ExitStatus run(const PlanArguments& arguments) {
 void add_counts(CLI::App& app, PlanArguments& arguments) {
   limit_count(app.add_option("--configurations", arguments.configurations,
                              "Configurations to choose [30]; with --accuracy the most that may be [500]"),
-              {1, 2'000});
+              {1, kMostPlanned});
   add_file(app, "--measured", arguments.measured, "Plan on top of these measurements (CSV)");
   add_file(app, "--result", arguments.result, "Plan on top of what this calibration knows, at its geometry (JSON)");
-  limit_count(app.add_option("--add", arguments.add, "With --measured or --result: configurations to add"), {1, 2'000});
+  limit_count(app.add_option("--add", arguments.add, "With --measured or --result: configurations to add"),
+              {1, kMostPlanned});
   app.add_option("--accuracy", arguments.accuracy_mm, "As few configurations as promise this 1 sigma, mm")
       ->type_name("MM")
       ->check(number_between(1e-6, 1e6, "millimetres from 1e-6 to 1e6"));

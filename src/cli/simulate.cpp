@@ -70,12 +70,11 @@ struct Setup {
 };
 
 void require_few_rows(const SimulateArguments& arguments, std::size_t targets) {
-  constexpr double kMost = 1e7;
   const double rows = static_cast<double>(arguments.configurations + arguments.test_configurations) *
                       static_cast<double>(arguments.noise.repeats) * static_cast<double>(targets);
-  if (rows > kMost) {
-    throw InputError(fmt::format(
-        "--configurations, --test-configurations, --repeats: {:.0f} rows, expected at most 10000000", rows));
+  if (rows > kMostSimulatedRows) {
+    throw InputError(fmt::format("--configurations, --test-configurations, --repeats: {:.0f} rows, expected at most {}",
+                                 rows, kMostSimulatedRows));
   }
 }
 

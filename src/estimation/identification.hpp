@@ -12,6 +12,7 @@
 #include "estimation/registration.hpp"
 #include "estimation/residual_options.hpp"
 #include "estimation/unknowns.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -51,7 +52,7 @@ Estimate nominal_start(const ErrorModel& model, const Measurements& measurements
                        const RegistrationOptions& options = {});
 
 struct JointOptions {
-  int max_iterations = 50;
+  int max_iterations = kJointIterations;
   double step_tolerance = 1e-11;  ///< [m] RMS motion of the predicted points below which a step counts as converged
   /// [m] a misfit (Identification::rms) that a trial fit must reach to matter. From the sixth iteration on, the fit
   /// ends as stalled unless the excess over it halves within three iterations.

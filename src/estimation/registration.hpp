@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 
@@ -14,7 +15,7 @@ namespace kdl_calibration {
 struct RegistrationOptions {
   KnownFrames known;  ///< not estimated
   /// [m] an orientation error of 1 rad counts as this position error.
-  double orientation_length = 0.3;
+  double orientation_length = kOrientationLength;
 };
 
 /// Poses of the base and the targets for a given geometry.

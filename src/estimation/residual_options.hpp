@@ -24,6 +24,9 @@ struct GaussianPrior {
   Eigen::MatrixXd covariance;
 };
 
+/// [m] Orientations without sigma: an error of 1 rad counts as this position error.
+constexpr double kOrientationLength = 0.3;
+
 /// Weights and priors of the residuals.
 struct ResidualOptions {
   Priors priors;
@@ -31,7 +34,7 @@ struct ResidualOptions {
   NoiseModel noise;
   std::vector<double> row_weights;  ///< factor on the information of each observation, 0 leaves it out; empty: all 1
   /// [m] for orientations without sigma: an error of 1 rad counts as this position error.
-  double orientation_length = 0.3;
+  double orientation_length = kOrientationLength;
   int threads = 1;  ///< of a pass over the data, 0: one per core; the result does not depend on it
 
   double row_weight(std::size_t row) const { return row_weights.empty() ? 1.0 : row_weights[row]; }

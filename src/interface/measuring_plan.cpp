@@ -12,9 +12,8 @@ namespace kdl_calibration {
 
 MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options) {
   require_at_least("configurations", options.count, 1);
-  constexpr int kMost = 2000;
-  if (options.count > kMost) {
-    refuse_input(std::to_string(options.count) + " configurations", "at most " + std::to_string(kMost));
+  if (options.count > kMostPlanned) {
+    refuse_input(std::to_string(options.count) + " configurations", "at most " + std::to_string(kMostPlanned));
   }
   const PlanRequest request{.robot = robot,
                             .targets = targets_or_published(options.targets),

@@ -1,6 +1,7 @@
 #include "kdl_calibration/simulation.hpp"
 
 #include <memory>
+#include <string>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -16,9 +17,8 @@ SimulatedExperiment simulate(const Robot& robot, const SimulationOptions& option
   require_at_least("configurations", options.configurations, 1);
   require_at_least("test configurations", options.test_configurations, 0);
   require_at_least("repeats", options.repeats, 1);
-  constexpr double kMostRows = 1e7;
-  if ((1.0 * options.configurations + options.test_configurations) * options.repeats > kMostRows) {
-    refuse_input("more than 10000000 rows", "fewer configurations or repeats");
+  if ((1.0 * options.configurations + options.test_configurations) * options.repeats > kMostSimulatedRows) {
+    refuse_input("more than " + std::to_string(kMostSimulatedRows) + " rows", "fewer configurations or repeats");
   }
   require_sigma("noise", options.noise);
   require_sigma("the size of length errors", options.length_error);

@@ -208,9 +208,9 @@ std::vector<Index> first_at_same_pose(const MatrixXd& joint_values) {
 }
 
 std::vector<Index> first_of_neighbours(const MatrixXd& joint_values) {
-  constexpr double kNear = 0.05;  // [rad] or [m]
-  constexpr double kOfRange = 0.05;
-  return first_within(joint_values, (kOfRange * ranges_of(joint_values)).cwiseMin(kNear).cwiseMax(same(joint_values)));
+  return first_within(
+      joint_values,
+      (kNeighbourPartOfRange * ranges_of(joint_values)).cwiseMin(kNeighbourDistance).cwiseMax(same(joint_values)));
 }
 
 Measurements with_poses_joined(Measurements measurements) {

@@ -17,8 +17,12 @@ namespace kdl_calibration {
 /// its own.
 std::vector<Eigen::Index> first_at_same_pose(const Eigen::MatrixXd& joint_values);
 
-/// The same for neighbours: no joint value differs from the first one's by more than 0.05 rad or 50 mm, or a twentieth
-/// of the joint's range if less. A neighbour is predicted better than a new pose, so folds keep neighbours together.
+constexpr double kNeighbourDistance = 0.05;     ///< [rad] or [m] of a joint value
+constexpr double kNeighbourPartOfRange = 0.05;  ///< of the range of the joint's values
+
+/// The same for neighbours: each joint value is within kNeighbourDistance of the first one's, or within
+/// kNeighbourPartOfRange if that is less. A neighbour is predicted better than a new pose, so folds keep neighbours
+/// together.
 std::vector<Eigen::Index> first_of_neighbours(const Eigen::MatrixXd& joint_values);
 
 /// The measurements with configurations at the same pose merged under the first label, with mean joint values and their

@@ -17,6 +17,9 @@
 
 namespace kdl_calibration {
 
+/// Largest number of rows of one simulated experiment.
+constexpr int kMostSimulatedRows = 10'000'000;
+
 /// Sizes of the true errors (1 sigma of normal distributions). The defaults are those of the published experiment.
 struct ErrorSizes {
   double length = 0.0025;                               ///< [m] every geometric length error

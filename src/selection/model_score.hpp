@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "estimation/residual_options.hpp"
 #include "kdl_calibration/calibration_options.hpp"
 #include "selection/effect_candidates.hpp"
 #include "selection/group_sizes.hpp"
@@ -20,8 +21,8 @@ struct ModelSelectionTask {
   const Estimate& optimum;  ///< of the rigid model; the point of linearisation
   const Unknowns& free;     ///< of the rigid model
   const ModelSelectionOptions& options;
-  const std::vector<std::string>& fix;  ///< patterns of excluded effects
-  double orientation_length = 0.3;      ///< ResidualOptions::orientation_length
+  const std::vector<std::string>& fix;             ///< patterns of excluded effects
+  double orientation_length = kOrientationLength;  ///< ResidualOptions::orientation_length
   int threads = 0;
   ProgressFunction progress = {};
 };
