@@ -103,11 +103,4 @@ void require_rows_of_each_station(const Measurements& measurements, const Measur
   }
 }
 
-void require_one_station(const Measurements& measurements, const std::string& what) {
-  if (measurements.stations.size() > 1) {
-    throw InputError(
-        fmt::format("{}: {} stations, expected one for {}", measurements.source, measurements.stations.size(), what));
-  }
-}
-
 }  // namespace kdl_calibration

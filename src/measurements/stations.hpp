@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "kdl_calibration/measurements.hpp"
@@ -44,8 +43,5 @@ bool leave_bases_open(const Measurements& measurements);
 
 /// Throws InputError if a station of several has rows, but none of them is in `fitted`.
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted);
-
-/// Throws InputError if the measurements have several stations. `what` does not support them.
-void require_one_station(const Measurements& measurements, const std::string& what);
 
 }  // namespace kdl_calibration

@@ -1,5 +1,6 @@
 #include "planning/experiment.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -11,7 +12,6 @@
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/readings.hpp"
-#include "measurements/stations.hpp"
 #include "model/parameters.hpp"
 #include "model/reduction.hpp"
 #include "planning/point_rows.hpp"
@@ -91,7 +91,10 @@ MatrixXd information(const Experiment& experiment, const MatrixXd& joint_values)
 
 MatrixXd information(const Experiment& experiment, const Measurements& measurements) {
   check(measurements, experiment.model);
-  require_one_station(measurements, "a plan");
+  if (measurements.stations.size() > 1) {
+    throw InputError(
+        fmt::format("{}: {} stations, expected one for a plan", measurements.source, measurements.stations.size()));
+  }
   Measurements matched = without_orientations(measurements);
   std::vector<std::int32_t> target_of;
   for (const std::string& name : measurements.targets) {
