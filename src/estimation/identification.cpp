@@ -106,7 +106,7 @@ std::vector<double> row_distances(const ErrorModel& model, const Measurements& m
   for (const Observation& o : measurements.observations) {
     const Eigen::Matrix3d information =
         (point_covariance(noise, o) + Eigen::Matrix3d(noise.common.cwiseAbs2().asDiagonal())).inverse();
-    const Vector3d e = o.position() - predicted_point(estimate, X_BF, o);
+    const Vector3d e = measured_minus_predicted(o, estimate, X_BF);
     distances.push_back(information.allFinite() ? std::sqrt(e.dot(information * e)) : e.norm());
   }
   return distances;

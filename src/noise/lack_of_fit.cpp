@@ -26,7 +26,7 @@ std::vector<double> explained_by_joints(const ErrorModel& model, const Estimate&
   Eigen::MatrixX3d residuals(n, 3);
   for (Index r = 0; r < n; ++r) {
     const Observation& o = rows[static_cast<std::size_t>(r)];
-    residuals.row(r) = o.position() - predicted_point(estimate, X_BF, o);
+    residuals.row(r) = measured_minus_predicted(o, estimate, X_BF);
   }
   const double total = residuals.squaredNorm();
   std::vector<double> explained;

@@ -65,7 +65,7 @@ GeometryUpdate geometry_update(const ErrorModel& model, const std::vector<Eigen:
   double count = 0.0;
   for (const Observation& observation : measurements.observations) {
     const Vector3d tool = estimate.frames.targets[static_cast<std::size_t>(observation.target)].X_FT.translation();
-    const Vector3d dp = observation.position() - predicted_point(estimate, T_robot, observation);
+    const Vector3d dp = measured_minus_predicted(observation, estimate, T_robot);
     if (observation.configuration != configuration) {
       configuration = observation.configuration;
       product = matrix_product(factors, estimate.errors, measurements.joint_values.col(configuration));
