@@ -69,13 +69,7 @@ double held_out_rms(const FitProblem& problem, double noise) {
   if (!can_be_left_out(problem.measurements, folds, problem.free.size())) {
     return std::numeric_limits<double>::infinity();
   }
-  const MatrixXd sqrt_information =
-      LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
-          .whitened_summary(problem.start)
-          .sqrt_information;
-  return error_statistics(distances_of(predict_folds(
-                              {.problem = problem, .sqrt_information = sqrt_information, .noise = noise}, folds, 1)))
-      .rms;
+  return error_statistics(fold_distances(problem, folds, noise, 1)).rms;
 }
 
 // Whether the parts' weights predict left-out configurations worse than `plain` by a factor above `allowed`, because

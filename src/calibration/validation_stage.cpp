@@ -47,12 +47,7 @@ std::vector<double> folds_by_downdates(const FitProblem& problem, const Folds& f
   if (is_many(folds)) {
     return cross_validate_by_sums(problem, folds, noise, threads).distances;
   }
-  const Eigen::MatrixXd sqrt_information =
-      LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
-          .whitened_summary(problem.start)
-          .sqrt_information;
-  return distances_of(
-      predict_folds({.problem = problem, .sqrt_information = sqrt_information, .noise = noise}, folds, threads));
+  return fold_distances(problem, folds, noise, threads);
 }
 
 constexpr double kShareOfNominal = 1e-5;

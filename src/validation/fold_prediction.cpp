@@ -307,4 +307,14 @@ FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector
   return result;
 }
 
+std::vector<double> fold_distances(const FitProblem& problem, const std::vector<std::vector<Index>>& folds,
+                                   double noise, int threads) {
+  const MatrixXd sqrt_information =
+      LeastSquaresProblem(problem.model, problem.measurements, problem.free, problem.options.joint.residuals)
+          .whitened_summary(problem.start)
+          .sqrt_information;
+  return distances_of(
+      predict_folds({.problem = problem, .sqrt_information = sqrt_information, .noise = noise}, folds, threads));
+}
+
 }  // namespace kdl_calibration

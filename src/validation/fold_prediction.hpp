@@ -41,4 +41,8 @@ struct FoldTask {
 FoldPrediction predict_folds(const FoldTask& task, const std::vector<std::vector<Eigen::Index>>& folds,
                              int threads = 0);
 
+/// The distances of the same, with the whitened Jacobian computed at the optimum, where the problem starts.
+std::vector<double> fold_distances(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds,
+                                   double noise, int threads = 0);
+
 }  // namespace kdl_calibration

@@ -318,22 +318,14 @@ bool can_be_left_out(const Measurements& measurements, const std::vector<std::ve
 
 HoldOut cross_validate(const FitProblem& problem, const std::vector<std::vector<Eigen::Index>>& folds, int threads) {
   const TrainingProblem training(problem);
-  struct FoldPart {
-    std::vector<double> distances;
-    bool converged = true;
-  };
-  std::vector<FoldPart> parts(folds.size());
-  parallel_for(folds.size(), threads, [&](std::size_t f) {
-    const Measurements fold = without(*training.rows(), folds[f]);
-    const Identification found = fit(with_measurements(*training, fold));
-    parts[f].converged = found.termination == Termination::converged;
-    parts[f].distances = position_errors(problem.model, found.estimate, averaged(fold), Rows::test);
-  });
-  HoldOut result;
-  for (const FoldPart& part : parts) {
-    result.distances.insert(result.distances.end(), part.distances.begin(), part.distances.end());
-    result.not_converged += part.converged ? 0 : 1;
-    ++result.refits;
+  std::vector<RefittedFold> refitted(folds.size());
+  parallel_for(folds.size(), threads, [&](std::size_t f) { refitted[f] = refit_without(*training, folds[f]); });
+  HoldOut result{.distances = {}, .refits = static_cast<int>(folds.size())};
+  for (const RefittedFold& fold : refitted) {
+    for (const Eigen::Vector3d& residual : fold.residuals) {
+      result.distances.push_back(residual.norm());
+    }
+    result.not_converged += fold.converged ? 0 : 1;
   }
   return result;
 }
