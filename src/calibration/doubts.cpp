@@ -496,18 +496,6 @@ std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
 
 }  // namespace
 
-double reach(const ErrorModel& model) {
-  double length = model.tip_origin.p.Norm();
-  for (std::size_t i = 0; i < model.joints.size(); ++i) {
-    const MovingJoint& joint = model.joints[i];
-    length += i > 0 ? joint.origin.p.Norm() : 0.0;
-    if (joint.type == JointType::prismatic && joint.lower && joint.upper) {
-      length += *joint.upper - *joint.lower;
-    }
-  }
-  return length;
-}
-
 std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements,
                           ModelChoice model) {
   Doubts result;

@@ -7,9 +7,6 @@
 
 namespace kdl_calibration {
 
-/// [m] largest distance of the flange from the first joint: sum of link lengths and travels of prismatic joints.
-double reach(const ErrorModel& model);
-
 /// Reasons not to trust the finished calibration. Gross rows and other readings are taken from `diagnosis`.
 std::vector<Doubt> doubts(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements,
                           ModelChoice model);

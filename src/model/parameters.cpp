@@ -106,4 +106,16 @@ double arm_length(const ErrorModel& model) {
   return length;
 }
 
+double reach(const ErrorModel& model) {
+  double length = model.tip_origin.p.Norm();
+  for (std::size_t i = 0; i < model.joints.size(); ++i) {
+    const MovingJoint& joint = model.joints[i];
+    length += i > 0 ? joint.origin.p.Norm() : 0.0;
+    if (joint.type == JointType::prismatic && joint.lower && joint.upper) {
+      length += *joint.upper - *joint.lower;
+    }
+  }
+  return length;
+}
+
 }  // namespace kdl_calibration

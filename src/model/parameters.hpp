@@ -51,5 +51,8 @@ std::vector<std::string> frame_parameter_names(const std::vector<TargetFrame>& t
 
 /// [m] sum of the link lengths, base included.
 double arm_length(const ErrorModel& model);
+/// [m] largest distance of the flange from the first joint: sum of the link lengths without the base, and of the
+/// travels of prismatic joints with both limits.
+double reach(const ErrorModel& model);
 
 }  // namespace kdl_calibration

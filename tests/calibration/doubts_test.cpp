@@ -20,6 +20,7 @@
 #include "kdl_calibration/noise_model.hpp"
 #include "mistake_table.hpp"
 #include "model/kinematics.hpp"
+#include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "support.hpp"
@@ -260,20 +261,6 @@ TEST(DoubtsByHand, MisfitsAndErrorsBeyondAnyRobots) {
         {"unknown_length: the uncertainty exceeds the link itself for Tz2, Rz3;"}}});
 }
 
-// Of a slide without limits nobody knows how far it goes.
-TEST(DoubtsByHand, OnlySlidesWithBothLimitsAddToTheReach) {
-  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
-  const double whole = reach(model);
-  model.joints[1].upper = 0.7;
-  EXPECT_NEAR(reach(model), whole + 0.2, 1e-12);
-  model.joints[1].upper.reset();
-  EXPECT_NEAR(reach(model), whole - 1.0, 1e-12);
-  model.joints[1].upper = 0.5;
-  model.joints[1].lower.reset();
-  EXPECT_NEAR(reach(model), whole - 1.0, 1e-12);
-  model.joints[0].origin.p = KDL::Vector(7.0, 0.0, 0.0);  // where it stands
-  EXPECT_NEAR(reach(model), whole - 1.0, 1e-12);
-}
 TEST(DoubtsByHand, ReadingsAreDoubtsOrRemarks) {
   const auto readings = [](Found& f) {
     f.calibration.diagnosis.alternative_readings = {
