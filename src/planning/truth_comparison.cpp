@@ -92,8 +92,6 @@ Eigen::VectorXd among(Index count, Index first, const Eigen::VectorXd& own) {
 }  // namespace
 
 ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth) {
-  check(estimate, model, estimate.frames.targets.size());
-  check(truth.truth, truth.model, truth.truth.frames.targets.size());
   const std::vector<EffectTerm>& added = truth.model.effects;
   if (!model.effects.empty() && !added.empty() && !KDL::Equal(model.gravity, truth.model.gravity, 1e-9)) {
     throw InputError("gravity pulls in another direction in the truth than in the result, expected the same");

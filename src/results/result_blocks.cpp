@@ -135,7 +135,6 @@ Json held_out_points_json(const Measurements& measurements, const CalibrationRes
 }
 
 std::string residuals_csv(const Measurements& measurements, const CalibrationResult& calibration) {
-  check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   const std::vector<Eigen::Vector3d> all = residuals_of_fit(measurements, calibration);
   const bool several = measurements.stations.size() > 1;

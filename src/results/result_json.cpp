@@ -448,7 +448,6 @@ Json position_error_json(const Accuracy& accuracy) {
 
 std::string result_json(const Robot& robot, const Measurements& measurements, const CalibrationResult& calibration,
                         const Provenance& provenance) {
-  check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   const CalibrationSettings& options = calibration.settings;
   const Identification& found = calibration.fit.identification;

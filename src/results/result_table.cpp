@@ -441,7 +441,6 @@ std::string statistics_row(const std::string& label, const ErrorStatistics& stat
 
 std::string result_table(const Measurements& measurements, const CalibrationResult& calibration,
                          const TableOptions& options) {
-  check(measurements, calibration.model);
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   std::string text = verdict(measurements, calibration);
   add_main_figures(calibration, text);

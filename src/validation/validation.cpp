@@ -20,17 +20,6 @@
 
 namespace kdl_calibration {
 
-namespace {
-
-void require_fit(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
-                 const Measurements& measurements) {
-  check(measurements);
-  require_count("poses of the flange", X_BF.size(), measurements.configurations.size());
-  require_count("targets of an estimate", estimate.frames.targets.size(), measurements.targets.size());
-}
-
-}  // namespace
-
 ErrorStatistics error_statistics(std::vector<double> distances) {
   ErrorStatistics statistics;
   statistics.count = static_cast<long>(distances.size());
@@ -62,14 +51,12 @@ bool is_among(const Observation& observation, Rows rows) {
 
 std::vector<double> position_errors(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements,
                                     Rows rows) {
-  check(measurements, model);
   check(estimate, model, measurements);
   return position_errors(flange_poses(model, estimate, measurements), estimate, measurements, rows);
 }
 
 std::vector<double> position_errors(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate,
                                     const Measurements& measurements, Rows rows) {
-  require_fit(X_BF, estimate, measurements);
   std::vector<double> distances;
   for (const Observation& observation : measurements.observations) {
     if (is_among(observation, rows)) {
@@ -87,14 +74,12 @@ Estimate registered(const ErrorModel& model, const Eigen::VectorXd& errors, cons
 }
 
 Iso9283 iso_9283(const ErrorModel& model, const Estimate& estimate, const Measurements& measurements, Rows rows) {
-  check(measurements, model);
   check(estimate, model, measurements);
   return iso_9283(flange_poses(model, estimate, measurements), estimate, measurements, rows);
 }
 
 Iso9283 iso_9283(const std::vector<Eigen::Isometry3d>& X_BF, const Estimate& estimate, const Measurements& measurements,
                  Rows rows) {
-  require_fit(X_BF, estimate, measurements);
   const Measurements means = averaged(measurements);
   Iso9283 result;
   result.accuracy = error_statistics(position_errors(X_BF, estimate, means, rows));

@@ -135,7 +135,6 @@ TEST(Doors, OfTheCalibrationRefuseWhatDoesNotFit) {
   EXPECT_CLOSED("3 errors of an estimate", result_table(s.data, calibration));
   EXPECT_CLOSED("3 errors of an estimate", residuals_csv(s.data, calibration));
   EXPECT_CLOSED("1 coefficients of effects", effects_json(s.elastic, VectorXd::Zero(1)));
-  EXPECT_CLOSED("3 errors of an estimate", reported_robot(s.robot, s.model, short_one));
   EXPECT_CLOSED("3 errors", reported_measurements({.model = s.model, .estimate = short_one, .measurements = s.data}));
 }
 
@@ -152,7 +151,6 @@ TEST(Doors, OfTheSimulationRefuseWhatDoesNotFit) {
   EXPECT_CLOSED("the size of true effects", add_effects(robot, {}, {.joint_values = q}, -1.0, random));
   EXPECT_CLOSED("3 errors", measure(broken, q, {}, random));
   EXPECT_CLOSED("negative or not finite", measure(robot, q, {.sigma = kNaN}, random));
-  EXPECT_CLOSED("3 errors", as_one_model(s.model, broken.truth, robot));
   EXPECT_CLOSED("1 targets of the truth", distances_from_truth(s.model, s.estimate, alone, q));
   EXPECT_CLOSED("3 errors", compare_with_truth(s.model, s.estimate, broken.truth, q));
 }

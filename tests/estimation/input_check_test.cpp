@@ -122,22 +122,12 @@ TEST(InputCheck, FunctionsOfMeasurementsAloneRefuseThoseThatDoNotHoldTogether) {
 TEST(InputCheck, FunctionsOfAModelRefuseMeasurementsThatDoNotHoldTogether) {
   const Measured& m = sound();
   const Estimate estimate = rigid_truth();
-  const std::vector<Eigen::Isometry3d> X_BF(m.data.configurations.size(), Eigen::Isometry3d::Identity());
   const Experiment experiment = nominal_experiment(m.model, m.truth.frames.targets);
-  CalibrationResult calibration;
-  calibration.model = m.model;
-  calibration.fit.identification.estimate = estimate;
   expect_all_refuse({
       TAKES(calibrate(m.model, d)),
       TAKES(nominal_start(m.model, d)),
-      TAKES(position_errors(m.model, estimate, d)),
       TAKES(registered(m.model, estimate.errors, d)),
-      TAKES(iso_9283(m.model, estimate, d)),
-      TAKES(position_errors(X_BF, estimate, d)),
-      TAKES(iso_9283(X_BF, estimate, d)),
       TAKES(information(experiment, d)),
-      TAKES(residuals_csv(d, calibration)),
-      TAKES(result_table(d, calibration)),
   });
 }
 
