@@ -157,9 +157,7 @@ bool is_index(const std::string& key) { return parsed_number(key).has_value(); }
 
 // Whether the number at the path has no unit.
 bool is_number_alone(const std::string& text, const std::vector<std::string>& path) {
-  std::vector<std::string> all(kGroups.begin(), kGroups.end());
-  all.insert(all.end(), kNumbers.begin(), kNumbers.end());
-  all.insert(all.end(), kQuantities.begin(), kQuantities.end());
+  const std::vector<std::string> all = names_in_paths();
   std::string last;
   for (const std::string& key : path) {
     if (is_index(key)) {
@@ -258,6 +256,13 @@ bool holds(double left, const std::string& comparison, double right) {
 }
 
 }  // namespace
+
+std::vector<std::string> names_in_paths() {
+  std::vector<std::string> names(kGroups.begin(), kGroups.end());
+  names.insert(names.end(), kNumbers.begin(), kNumbers.end());
+  names.insert(names.end(), kQuantities.begin(), kQuantities.end());
+  return names;
+}
 
 Requirement parse_requirement(const std::string& text) {
   if (!is_utf8(text)) {

@@ -17,6 +17,9 @@ struct Requirement {
   std::string unit;               ///< of `value` as given; empty for a number without one
 };
 
+/// The names that a path may consist of, beside indices.
+std::vector<std::string> names_in_paths();
+
 /// Throws InputError if the text is not a requirement: another form, a name that no number of a result has, a length or
 /// angle without unit, a number with one.
 Requirement parse_requirement(const std::string& text);

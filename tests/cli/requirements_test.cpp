@@ -2,6 +2,10 @@
 
 #include "cli/requirements.hpp"
 
+#include <filesystem>
+#include <string>
+#include <vector>
+
 #include "cli/plan_command.hpp"
 #include "cli_support.hpp"
 #include "refusal.hpp"
@@ -51,6 +55,34 @@ TEST(Requirements, HaveAPathAComparisonAndAValueInSi) {
   }
   EXPECT_THAT(refusal([] { cli::parse_requirement("\xff<1"); }), HasSubstr("expected UTF-8"));
   EXPECT_EQ(cli::parse_requirements({"rank<1", "rank>2"}).at(1).text, "rank>2");
+}
+
+// The sources that write the JSON of the commands with --require, as one text.
+std::string writers_of_results() {
+  namespace fs = std::filesystem;
+  const fs::path src = fs::path(PROJECT_DIR) / "src";
+  std::vector<fs::path> files = {src / "cli/calibrate.cpp", src / "cli/compare.cpp", src / "cli/validate.cpp"};
+  for (const auto& entry : fs::directory_iterator(src / "results")) {
+    const std::string stem = entry.path().stem();
+    if (entry.path().extension() == ".cpp" && !stem.starts_with("report_") && stem != "saved_calibration") {
+      files.push_back(entry.path());
+    }
+  }
+  std::string text;
+  for (const fs::path& file : files) {
+    text += CommandLine::content(file);
+  }
+  return text;
+}
+
+// The converse, that each number of a result may be required, is a test of calibrate.
+TEST(Requirements, KnowNoNameThatNoResultHas) {
+  const std::string text = writers_of_results();
+  for (const std::string& name : cli::names_in_paths()) {
+    if (name != "left_out") {  // as the table calls it
+      EXPECT_TRUE(text.find('"' + name + '"') != std::string::npos) << name;
+    }
+  }
 }
 
 TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
