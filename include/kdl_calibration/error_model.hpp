@@ -153,7 +153,7 @@ struct ErrorModel {
   /// Whether rows may leave directions of a base undetermined: several stations, single coordinates, or points of one
   /// place that are all on one line. Then the parameters of bases are named base[STATION].Tx, and uncertainties in the
   /// base frame are those of the arm alone.
-  bool has_open_bases = false;
+  bool has_undetermined_bases = false;
 };
 
 ErrorModel complete_model(const Robot& robot);

@@ -111,13 +111,14 @@ Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const Nois
   return result;
 }
 
-Identification with_open_directions(const Identification& found, const Assessment& assessed, ModelChoice model) {
+Identification with_undetermined_directions(const Identification& found, const Assessment& assessed,
+                                            ModelChoice model) {
   Identification result = found;
   // Directions that a station does not determine stay as registered: no prediction of the arm depends on them.
   const std::vector<std::string> fixed = without_stations(assessed.fixed_by_gauge);
   const bool gauge = !fixed.empty() && model == ModelChoice::irreducible;
-  const bool open = assessed.fixed_by_gauge.empty() && !assessed.determined;
-  if (found.termination == Termination::converged && (gauge || open)) {
+  const bool undetermined = assessed.fixed_by_gauge.empty() && !assessed.determined;
+  if (found.termination == Termination::converged && (gauge || undetermined)) {
     result.termination = Termination::rank_deficient;
     result.message = "converged, but the measurements do not determine all parameters";
     if (gauge) {

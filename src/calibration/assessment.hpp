@@ -31,6 +31,6 @@ Assessment assess(const FitProblem& fit, const DeterminedFit& fitted, const Nois
                   const EstimatedNoise& estimated);
 
 /// The fit with termination and message updated by the undetermined directions that only the assessment finds.
-Identification with_open_directions(const Identification& found, const Assessment& assessed, ModelChoice model);
+Identification with_undetermined_directions(const Identification& found, const Assessment& assessed, ModelChoice model);
 
 }  // namespace kdl_calibration

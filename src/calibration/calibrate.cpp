@@ -118,9 +118,10 @@ FitProblem weighed_for_selection(FitProblem problem, const CalibrationSettings& 
   if (weighs_orientations(problem.measurements, options)) {
     residuals.orientation_length = orientation_length_of_residuals(problem);
   }
-  const bool selects = selection.priors.length > 0.0 || selection.priors.angle > 0.0 || is_open(selection);
+  const bool selects = selection.priors.length > 0.0 || selection.priors.angle > 0.0 || needs_selection(selection);
   if (options.estimator.method == Method::joint && selects) {
-    problem.options = absolute_weights(with_shown_unknowns(problem), noise_beforehand(problem.measurements, options));
+    problem.options =
+        absolute_weights(with_determined_unknowns(problem), noise_beforehand(problem.measurements, options));
   }
   residuals.priors = selection.priors;
   return problem;
@@ -423,7 +424,8 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
-  fitted.fit.identification = with_open_directions(fitted.fit.identification, assessed, options.parameters.model);
+  fitted.fit.identification =
+      with_undetermined_directions(fitted.fit.identification, assessed, options.parameters.model);
 
   // Against the fitted, the test and the left-out rows, and what no row can show.
   Validation validated = validate(validation_task(fitted, assessed, measurements, choice, options));

@@ -79,11 +79,11 @@ Unknowns determined(const Unknowns& candidates, const Unknowns& kept, const Eige
   return candidates.subset(marked);
 }
 
-// Columns to hold of the bases whose rows leave some of their motions open: those that come last in a QR with pivots of
-// the base's columns.
-std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std::size_t stations,
-                                                const Eigen::MatrixXd& sqrt_information) {
-  constexpr double kOpen = 1e-7;                // of the largest pivot
+// Columns to hold of the bases whose rows do not determine all of their motions: those that come last in a QR with
+// pivots of the base's columns.
+std::vector<Eigen::Index> undetermined_columns_of_bases(const Unknowns& candidates, std::size_t stations,
+                                                        const Eigen::MatrixXd& sqrt_information) {
+  constexpr double kDependent = 1e-7;           // of the largest pivot
   constexpr double kRotationsAfterwards = 0.5;  // rather a rotation is held than a translation
   std::vector<Eigen::Index> result;
   for (std::size_t station = 0; station < stations; ++station) {
@@ -94,7 +94,7 @@ std::vector<Eigen::Index> open_columns_of_bases(const Unknowns& candidates, std:
     Eigen::MatrixXd own = sqrt_information(Eigen::all, columns);
     own.leftCols(3) /= std::max(own.leftCols(3).colwise().norm().maxCoeff(), 1e-300);
     own.rightCols(3) *= kRotationsAfterwards / std::max(own.rightCols(3).colwise().norm().maxCoeff(), 1e-300);
-    for (const Eigen::Index column : dependent_columns(own, kOpen)) {
+    for (const Eigen::Index column : dependent_columns(own, kDependent)) {
       result.push_back(columns[static_cast<std::size_t>(column)]);
     }
   }
@@ -117,20 +117,20 @@ FittedInGauge identify_in_gauge(const FitProblem& problem, const EstimatorOption
     return {.fitted = identify(problem, estimator, steps), .free = candidates};
   }
   if (equations.equations() < equations.columns()) {
-    const FitProblem shown = with_shown_unknowns(problem);
-    if (equations.equations() < shown.free.size()) {
-      return {.fitted = identify(shown, estimator, steps), .free = shown.free};
+    const FitProblem fewer = with_determined_unknowns(problem);
+    if (equations.equations() < fewer.free.size()) {
+      return {.fitted = identify(fewer, estimator, steps), .free = fewer.free};
     }
   }
   Unknowns free = candidates;
   const auto determined_at = [&](const Estimate& estimate, const Unknowns& kept) {
-    if (!problem.model.has_open_bases && well_conditioned_root(equations.linearise(estimate).hessian)) {
+    if (!problem.model.has_undetermined_bases && well_conditioned_root(equations.linearise(estimate).hessian)) {
       return candidates;
     }
     const Eigen::MatrixXd sqrt_information = equations.whitened_summary(estimate).sqrt_information;
     return sqrt_information.allFinite()
                ? determined(candidates, kept, sqrt_information,
-                            open_columns_of_bases(candidates, problem.model.stations.size(), sqrt_information))
+                            undetermined_columns_of_bases(candidates, problem.model.stations.size(), sqrt_information))
                : free;
   };
   free = determined_at(problem.start, Unknowns());
@@ -256,15 +256,15 @@ DeterminedFit fix_parameters_below_noise(const FitProblem& problem, const FitRul
 
 }  // namespace
 
-FitProblem with_shown_unknowns(const FitProblem& problem) {
-  if (!problem.model.has_open_bases) {
+FitProblem with_determined_unknowns(const FitProblem& problem) {
+  if (!problem.model.has_undetermined_bases) {
     return problem;
   }
   const Eigen::MatrixXd sqrt_information = equations_of(problem).whitened_summary(problem.start).sqrt_information;
   std::vector<bool> marked(problem.free.columns().size(), true);
   if (sqrt_information.allFinite()) {
     for (const Eigen::Index column :
-         open_columns_of_bases(problem.free, problem.model.stations.size(), sqrt_information)) {
+         undetermined_columns_of_bases(problem.free, problem.model.stations.size(), sqrt_information)) {
       marked[static_cast<std::size_t>(column)] = false;
     }
   }

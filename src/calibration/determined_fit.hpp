@@ -12,9 +12,9 @@ struct FitRules {
   const ParameterOptions& parameters;
 };
 
-/// The problem without the unknowns of bases that its measurements do not show at the start. One length between two
-/// points leaves five directions of its base open.
-FitProblem with_shown_unknowns(const FitProblem& problem);
+/// The problem without the unknowns of bases that its measurements do not determine at the start. One length between
+/// two points leaves five directions of its base undetermined.
+FitProblem with_determined_unknowns(const FitProblem& problem);
 
 /// Fits the parameters of `problem.free`, the candidates of `choice`, that the measurements determine. If the fit fails
 /// or the complete set would explain most of the misfit, that set with a prior of usual errors continues. A set chosen

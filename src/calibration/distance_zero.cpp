@@ -23,8 +23,8 @@ struct ZeroStep {
 };
 
 std::optional<ZeroStep> step_at(const FitProblem& fit, const Estimate& optimum) {
-  constexpr double kStep = 1e-4;        // [m]
-  constexpr double kLeastShown = 1e-6;  // of the zero's information
+  constexpr double kStep = 1e-4;              // [m]
+  constexpr double kLeastInformation = 1e-6;  // share of the information without other unknowns
   const auto with_zero = [&](double zero) {
     const Measurements rows = from_zero(fit.measurements, -zero);
     return LeastSquaresProblem(fit.model, rows, fit.free, fit.options.joint.residuals).linearise(optimum);
@@ -36,13 +36,13 @@ std::optional<ZeroStep> step_at(const FitProblem& fit, const Estimate& optimum) 
   const double whole = (longer.cost - 2.0 * here.cost + shorter.cost) / (2.0 * kStep * kStep);
   ScaledSolver solver;
   solver.solve(here.hessian, {}, cross);
-  const double shown = whole - cross.dot(solver.solution());
-  if (!(shown > kLeastShown * whole)) {
+  const double information = whole - cross.dot(solver.solution());
+  if (!(information > kLeastInformation * whole)) {
     return std::nullopt;
   }
   const double freedom = static_cast<double>(dimension(fit.measurements) - fit.free.size() - 1);
-  return ZeroStep{.length = (longer.cost - shorter.cost) / (4.0 * kStep) / shown,
-                  .sigma = std::sqrt(here.cost / std::max(freedom, 1.0) / shown)};
+  return ZeroStep{.length = (longer.cost - shorter.cost) / (4.0 * kStep) / information,
+                  .sigma = std::sqrt(here.cost / std::max(freedom, 1.0) / information)};
 }
 
 }  // namespace

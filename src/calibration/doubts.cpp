@@ -127,7 +127,7 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
   const std::vector<std::string> still = joints_at_rest(found, measurements);
   if (!still.empty()) {
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
-  } else if (found.model.has_open_bases && has_no_length(measurements)) {
+  } else if (found.model.has_undetermined_bases && has_no_length(measurements)) {
     return {{.cause = Cause::not_determined,
              .message = message +
                         ": each station has a single point, which an arm of any size reaches; measure a second "
@@ -227,8 +227,8 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
 
 // What distances and single coordinates cannot show by their residuals.
 Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, const Measurements& measurements) {
-  constexpr double kMostOpen = 10.0;   // of the noise
-  constexpr double kMostExcess = 3.0;  // of the residuals over the stated noise
+  constexpr double kMostUncertain = 10.0;  // of the noise
+  constexpr double kMostExcess = 3.0;      // of the residuals over the stated noise
   Doubts doubts;
   if (!has_single_coordinates(measurements)) {
     return doubts;
@@ -239,7 +239,7 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
   const double open =
       std::sqrt(std::max(std::pow(predicted.measured.rms, 2) - std::pow(predicted.of_assumptions, 2), 0.0));
   const bool is_known = predicted.measured.count > 0;
-  if (!is_named && are_many && is_known && open > kMostOpen * found.noise.sigma && open > kSmallest) {
+  if (!is_named && are_many && is_known && open > kMostUncertain * found.noise.sigma && open > kSmallest) {
     const double excess = std::sqrt(found.noise.variance_factor);
     if (excess > kMostExcess) {
       doubts.push_back(

@@ -40,13 +40,13 @@ std::optional<Identification> smallest_errors(const FitProblem& task, const Dete
   const VectorXd S = weights(task.model, fit.candidates);
   Identification found = fit.identification;
   for (int round = 0; round < kMostRounds; ++round) {
-    const MatrixXd open = undetermined_directions(problem.whitened_summary(found.estimate).sqrt_information);
+    const MatrixXd undetermined = undetermined_directions(problem.whitened_summary(found.estimate).sqrt_information);
     VectorXd errors(S.size());
     for (Index c = 0; c < S.size(); ++c) {
       errors[c] = S[c] * Unknowns::value(found.estimate, fit.candidates.columns()[static_cast<std::size_t>(c)]);
     }
-    const MatrixXd along = S.asDiagonal() * open;
-    const VectorXd move = -open * shortest_solution(along, errors);
+    const MatrixXd along = S.asDiagonal() * undetermined;
+    const VectorXd move = -undetermined * shortest_solution(along, errors);
     const Identification next = identify_jointly(
         task.model, task.measurements, fit.candidates.moved(found.estimate, move), fit.free, {.residuals = residuals});
     if (!has_converged(next) || next.rms > (1.0 + kWorse) * fit.identification.rms + 1e-10) {

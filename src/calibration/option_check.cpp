@@ -102,7 +102,7 @@ void require_two_step_data(const Unknowns& free, const Measurements& measurement
                                     measurements.source + " need the joint estimate");
   }
   const bool priors = options.selection.priors.length > 0.0 || options.selection.priors.angle > 0.0;
-  if (priors || is_open(options.selection) || options.estimator.loss != Loss::none ||
+  if (priors || needs_selection(options.selection) || options.estimator.loss != Loss::none ||
       options.noise.weights == Weights::repeats) {
     throw OptionError("method", "the published two-step procedure has no priors, effects, losses or noise model");
   }

@@ -182,7 +182,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
   result.region = measured_region(measurements, whole ? uncertain.held_out : std::vector<HeldOutPoint>(),
                                   uncertain.noise, uncertain.optimism);
   result.undetermined = undetermined_directions(uncertain.candidate_sqrt_information);
-  if (model.has_open_bases) {  // directions of bases alone have rounding errors in the other columns
+  if (model.has_undetermined_bases) {  // directions of bases alone have rounding errors in the other columns
     constexpr double kRounding = 1e-9;
     result.undetermined = result.undetermined.unaryExpr([](double x) { return std::abs(x) < kRounding ? 0.0 : x; });
   }
@@ -201,12 +201,12 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
   const double most_assumed = *std::max_element(of_assumptions.begin(), of_assumptions.end());
   basis.region.largest_variance += most_assumed * most_assumed;  // left-out errors do not show them
   result.tested = tested_radius(basis, uncertain, rows.all());
-  if (model.has_open_bases) {
+  if (model.has_undetermined_bases) {
     basis.estimate.frames.base().setIdentity();  // predictions in the base frame, along its axes
   }
   const PointPredictor predictor(basis);
   const Eigen::MatrixXd there = is_known ? predictor.sigmas(measured, measurements.signals) : Eigen::MatrixXd();
-  if (is_known && model.has_open_bases) {  // of the arm alone, as all predictions without a station
+  if (is_known && model.has_undetermined_bases) {  // of the arm alone, as all predictions without a station
     const double largest = there.maxCoeff();
     basis.region.largest_variance = largest * largest;
   }

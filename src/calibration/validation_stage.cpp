@@ -77,8 +77,8 @@ struct PredictedFolds {
   std::vector<std::string> warnings;
 };
 
-// Whether the configurations beside its fold leave a direction of the point open.
-bool is_open_point(const HeldOutPoint& point) { return !point.covariance.allFinite(); }
+// Whether the configurations beside its fold do not determine some direction of the point.
+bool is_undetermined(const HeldOutPoint& point) { return !point.covariance.allFinite(); }
 
 // The distances of the other points. Of all where the points are not known.
 std::vector<double> determined(const std::vector<double>& distances, const std::vector<HeldOutPoint>& points) {
@@ -87,7 +87,7 @@ std::vector<double> determined(const std::vector<double>& distances, const std::
   }
   std::vector<double> result;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!is_open_point(points[i])) {
+    if (!is_undetermined(points[i])) {
       result.push_back(distances[i]);
     }
   }
@@ -123,9 +123,9 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
   }
   result.errors.before = error_statistics(determined(nominal_folds(compared, folds, nominal), result.points));
   result.errors.after = error_statistics(determined(after.distances, result.points));
-  if (const auto open = std::count_if(result.points.begin(), result.points.end(), is_open_point); open > 0) {
+  if (const auto count = std::count_if(result.points.begin(), result.points.end(), is_undetermined); count > 0) {
     result.warnings.push_back(
-        fmt::format("{} of {} left-out points are not counted: the other configurations do not determine them", open,
+        fmt::format("{} of {} left-out points are not counted: the other configurations do not determine them", count,
                     result.points.size()));
   }
   if (after.not_converged > 0) {
@@ -272,7 +272,7 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows, const Identif
   if (asked_singly || (by_default && !many)) {
     accuracy.leave_one_out = predict(singly, "leave-one-out");
   }
-  if (options.nested && is_open(compared.choice.options)) {
+  if (options.nested && needs_selection(compared.choice.options)) {
     accuracy.nested_leave_one_out = error_statistics(nested_distances(
         compared.choice, counted_fits(compared.choice.progress, "nested leave-one-out", singly.size())));
   }

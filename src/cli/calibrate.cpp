@@ -153,8 +153,9 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
 
 // The command that chooses more configurations for the same experiment.
 std::string plan_to_add(const CalibrationResult& calibration) {
-  return calibration.model.has_open_bases ? "kdlcal plan --stations N, with --sockets or --directions as measured,"
-                                          : "kdlcal plan --measured FILE --add N";
+  return calibration.model.has_undetermined_bases
+             ? "kdlcal plan --stations N, with --sockets or --directions as measured,"
+             : "kdlcal plan --measured FILE --add N";
 }
 
 // Adds options of kdlcal that help against the doubt.

@@ -93,7 +93,8 @@ Json drawn_json(const VirtualRobot& robot, const std::vector<std::size_t>& with_
     targets.push_back(target_json(target));
   }
   Json drawn = {{"parameters", parameters}, {"base", frame_json(robot.truth.frames.base())}, {"targets", targets}};
-  for (std::size_t station = 0; robot.model.has_open_bases && station < robot.model.stations.size(); ++station) {
+  for (std::size_t station = 0; robot.model.has_undetermined_bases && station < robot.model.stations.size();
+       ++station) {
     drawn["stations"].push_back({{"name", robot.model.stations[station]}});
     drawn["stations"].back().update(frame_json(robot.truth.frames.base(station)));
   }

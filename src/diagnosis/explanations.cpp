@@ -36,7 +36,7 @@ struct Determined {
 
 // A^+ b and b^T A^+ b on the directions of A that are more than rounding of `whole`, A before the projection.
 Determined solved(const MatrixXd& A, const VectorXd& b, const MatrixXd& whole) {
-  constexpr double kShown = 1e-9;
+  constexpr double kDetermined = 1e-9;
   Determined result{.solution = VectorXd::Zero(b.size())};
   if (b.size() == 0) {
     return result;
@@ -44,7 +44,7 @@ Determined solved(const MatrixXd& A, const VectorXd& b, const MatrixXd& whole) {
   const VectorXd scale = whole.diagonal().unaryExpr([](double d) { return d > 0.0 ? 1.0 / std::sqrt(d) : 0.0; });
   const auto [values, vectors] = spectrum(scale.asDiagonal() * A * scale.asDiagonal());
   for (Index i = 0; i < values.size(); ++i) {
-    if (values[i] > kShown) {
+    if (values[i] > kDetermined) {
       const VectorXd direction = scale.asDiagonal() * vectors.col(i);
       const double along = direction.dot(b);
       result.solution += along / values[i] * direction;
@@ -336,13 +336,13 @@ double Explanations::moved(const VectorXd& before, const AlternativeMotion& moti
 
 std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, const AlternativeMotion& motion,
                                                    double level, double power) const {
-  constexpr double kShown = 1e-9;
+  constexpr double kDetermined = 1e-9;
   const Gain gain = this->gain(sums, *without_);
   // Columns that move the measured points by 1 m RMS each, in independent directions.
   const auto [sizes, directions] = spectrum(sums.size / std::max(fit_.weight, kTiny));
   std::vector<Index> visible;
   for (Index i = 0; i < sizes.size(); ++i) {
-    if (sizes[i] > kShown * sizes.maxCoeff()) {
+    if (sizes[i] > kDetermined * sizes.maxCoeff()) {
       visible.push_back(i);
     }
   }
@@ -351,8 +351,8 @@ std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, 
   }
   const MatrixXd unit = directions(Eigen::all, visible) * sizes(visible).cwiseSqrt().cwiseInverse().asDiagonal();
   const MatrixXd whole = unit.transpose() * gain.whole * unit;
-  const auto [shown, of_unit] = spectrum(whole - (gain.X * unit).transpose() * (gain.X * unit));
-  if (!(shown[0] > kShown * whole.trace())) {
+  const auto [remaining, of_unit] = spectrum(whole - (gain.X * unit).transpose() * (gain.X * unit));
+  if (!(remaining[0] > kDetermined * whole.trace())) {
     return std::nullopt;
   }
   const VectorXd least = unit * of_unit.col(0);
@@ -366,12 +366,12 @@ std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, 
   double of_sizes = 0.0;
   for (Index i = 0; i < std::ssize(free_); ++i) {
     const double error = step[free_[static_cast<std::size_t>(i)]] * without_->per_size[i];
-    of_sizes += is_error(i) ? error * error / shown[0] : 0.0;
+    of_sizes += is_error(i) ? error * error / remaining[0] : 0.0;
   }
   of_sizes = std::min(of_sizes, 1.0);
   const double rest = 1.0 / (of_sizes * of_sizes / std::max(without_->of_sizes, 0.1) +
                              (1.0 - of_sizes) * (1.0 - of_sizes) / std::max(without_->freedom.sum(), 0.1));
-  const double size = std::sqrt(non_centrality(level, power, gain.rank, std::max(rest, 1.0)) / shown[0]);
+  const double size = std::sqrt(non_centrality(level, power, gain.rank, std::max(rest, 1.0)) / remaining[0]);
   AlternativeMotion missed = motion;
   missed.of_robot = -motion.of_robot;
   return Detectable{

@@ -167,7 +167,7 @@ void OrdinaryFit::predict() {
   const Estimate& result = fit_.estimate;
   const std::vector<Eigen::Isometry3d> doubted = flange_poses(fit_.model, result, places, signals);
   // Of the arm alone, along the axes of W, where W and the base are no single frame: as the predictor does.
-  const bool alone = model_.has_open_bases || estimate_.frames.bases.size() > 1;
+  const bool alone = model_.has_undetermined_bases || estimate_.frames.bases.size() > 1;
   const Eigen::Isometry3d X_WB = estimate_.frames.base();
   const Eigen::Isometry3d X_WB_doubted = alone ? X_WB : result.frames.base();
   const std::size_t targets = estimate_.frames.targets.size();

@@ -34,7 +34,7 @@ void check(const ErrorModel& model) {
 void check(const Measurements& measurements, const ErrorModel& model) {
   check(model);
   check(measurements);
-  const bool are_told_apart = measurements.stations.size() > 1 || model.has_open_bases;
+  const bool are_told_apart = measurements.stations.size() > 1 || model.has_undetermined_bases;
   if (are_told_apart && model.stations != measurements.stations) {
     throw InputError(fmt::format("{}: {} stations, expected the model's {}", measurements.source,
                                  measurements.stations.size(), model.stations.size()));

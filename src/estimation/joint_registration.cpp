@@ -116,7 +116,7 @@ void JointRegistration::place(Frames& frames) const {
   frames = moved(frames, step);
 }
 
-int JointRegistration::open_directions(const Frames& frames) const {
+int JointRegistration::count_undetermined_directions(const Frames& frames) const {
   constexpr double kNothing = 1e-10;
   const MatrixXd information = linearise(frames).hessian;
   const VectorXd scale = unit_scale_of_information(information);
@@ -230,7 +230,7 @@ Registration register_readings(const std::vector<Isometry3d>& X_BF, const Measur
   joint.fit(best);
   Registration result;
   result.frames = best;
-  result.open = joint.open_directions(best);
+  result.undetermined = joint.count_undetermined_directions(best);
   return result;
 }
 

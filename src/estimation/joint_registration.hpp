@@ -26,7 +26,7 @@ public:
   /// Moves base positions and targets to the least cost. Directions that no row determines stay.
   void place(Frames& frames) const;
   /// Number of directions of the unknown frames that the rows do not determine.
-  int open_directions(const Frames& frames) const;
+  int count_undetermined_directions(const Frames& frames) const;
 
 private:
   void add(const Eigen::Vector3d& residual, const Eigen::Matrix<double, 3, 12>& jacobian, double weight,

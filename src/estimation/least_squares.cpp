@@ -69,8 +69,8 @@ struct LeastSquaresProblem::Data {
        const ResidualOptions& options)
       : model(the_model),
         unknowns(the_unknowns),
-        one_station(the_model.has_open_bases ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
-                                             : nullptr),
+        one_station(the_model.has_undetermined_bases ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
+                                                     : nullptr),
         parts(parts_of(measurements, options)),
         observed(parts.empty() ? gathered(the_model, the_unknowns, measurements, options) : ObservedData()),
         totals(totals_of_parts()),
@@ -130,8 +130,8 @@ struct LeastSquaresProblem::Data {
 std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of(const Measurements& measurements,
                                                                                  const ResidualOptions& options) const {
   std::vector<Part> result;
-  const bool in_parts =
-      model.stations.size() > 1 || (model.has_open_bases && undetermined_rotations(measurements).axes.cols() > 0);
+  const bool in_parts = model.stations.size() > 1 ||
+                        (model.has_undetermined_bases && undetermined_rotations(measurements).axes.cols() > 0);
   for (std::size_t station = 0; in_parts && station < model.stations.size(); ++station) {
     const StationRows own = rows_of_station(measurements, station);
     ResidualOptions residuals = options;

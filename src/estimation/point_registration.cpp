@@ -294,7 +294,7 @@ struct Solution {
 
 // Number of directions in which the measurements do not determine the rotation A. u: mean square of a whitened
 // coordinate's misfit. Points that hardly move relative to the flange count as undetermined.
-int open_rotations(const Sums& sums, const RotationForm& free, const Matrix3d& A, double u) {
+int count_undetermined_rotations(const Sums& sums, const RotationForm& free, const Matrix3d& A, double u) {
   constexpr double kNumerical = 1e-10;
   constexpr double kStandsStill = 0.05;  // share of the flange's motion
   const double flange = std::max(sums.pp - sums.p.squaredNorm() / sums.weight, 0.0);
@@ -311,7 +311,8 @@ Solution solve(const Sums& sums) {
   const auto misfit = [&](const RotationMinimum& minimum) { return std::max(minimum.value, 0.0) / (3.0 * sums.count); };
   if (solution.form.relative_information[0] > kFirm) {
     solution.minimum = minimise(solution.form);
-    solution.rotations = open_rotations(sums, solution.form, solution.minimum.A, misfit(solution.minimum));
+    solution.rotations =
+        count_undetermined_rotations(sums, solution.form, solution.minimum.A, misfit(solution.minimum));
     return solution;
   }
   const Vector3d relative_information = solution.form.relative_information.cwiseMax(0.0);
@@ -321,7 +322,7 @@ Solution solve(const Sums& sums) {
   solution.ridge = std::max(u / (kUsualTargetDistance * kUsualTargetDistance), numerical);
   solution.form = eliminate(sums, solution.ridge);
   solution.minimum = minimise(solution.form);
-  solution.rotations = open_rotations(sums, free, solution.minimum.A, u);
+  solution.rotations = count_undetermined_rotations(sums, free, solution.minimum.A, u);
   const double firm = 9.0 * u / (kUsualTargetDistance * kUsualTargetDistance * sums.weight);
   solution.places = static_cast<int>((relative_information.array() <= std::max(firm, kNumerical)).count());
   // Directions that no measurement of this robot could determine (e.g. the target height of a planar one) do not count.
@@ -392,7 +393,7 @@ Registration register_points(const std::vector<Eigen::Isometry3d>& X_BF, const M
     X_WB.linear() = A.transpose();
     X_WB.translation() = A.transpose() * c + sums.z_mean;
     result.message = ambiguity(solution, sums.weight);
-    result.open = solution.places + solution.rotations;
+    result.undetermined = solution.places + solution.rotations;
     result.ambiguous = !result.message.empty();
   }
   for (std::size_t k = 0; k < points.targets.size(); ++k) {

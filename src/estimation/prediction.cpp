@@ -103,7 +103,7 @@ std::vector<Matrix3Xd> PositionPredictor::jacobians(const VectorXd& q, const Dri
   const Matrix3d R_WF = estimate_.frames.base(station.value_or(0)).linear() *
                         flange_jacobian(chain_, twists_, joints.col(0), chain).linear();
   const std::vector<std::size_t>& of_bases = unknowns_.of(UnknownGroup::base);
-  const bool of_arm_or_station = model_.has_open_bases || estimate_.frames.bases.size() > 1;
+  const bool of_arm_or_station = model_.has_undetermined_bases || estimate_.frames.bases.size() > 1;
   for (std::size_t i = 0; of_arm_or_station && i < of_bases.size(); ++i) {
     if (!station || of_bases[i] / 6 != *station) {
       chain.col(static_cast<Index>(i)).setZero();

@@ -59,7 +59,7 @@ Start register_one_by_one(const std::vector<Isometry3d>& X_BF, const Measurement
     }
     const Registration registration = register_station(X_BF, rows, own);
     bases[station] = registration.frames.base();
-    result.is_firm = result.is_firm || (station == order.front() && registration.open == 0);
+    result.is_firm = result.is_firm || (station == order.front() && registration.undetermined == 0);
     for (const Observation& observation : rows.observations) {
       const auto k = static_cast<std::size_t>(observation.target);
       const TargetFrame& found = registration.frames.targets[k];
@@ -102,7 +102,7 @@ Registration register_together(const std::vector<Isometry3d>& X_BF, const Measur
   }
   Registration result;
   result.frames = best ? *std::move(best) : register_one_by_one(X_BF, training, options, by_rows).frames;
-  result.open = joint.open_directions(result.frames);
+  result.undetermined = joint.count_undetermined_directions(result.frames);
   return result;
 }
 

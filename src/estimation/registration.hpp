@@ -22,7 +22,7 @@ struct RegistrationOptions {
 struct Registration {
   Frames frames;           ///< in the measurements' order; orientation of targets only if measured
   double rms = 0.0;        ///< [m] measured minus predicted, along the measured directions
-  int open = 0;            ///< undetermined directions of base and targets
+  int undetermined = 0;    ///< number of directions of base and targets
   bool ambiguous = false;  ///< another base pose fits about as well
   std::string message;     ///< why it is ambiguous
 };

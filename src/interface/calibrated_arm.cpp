@@ -77,8 +77,8 @@ std::optional<std::size_t> station_named(const ErrorModel& model, const std::str
     return std::nullopt;
   }
   const auto found = std::find(model.stations.begin(), model.stations.end(), name);
-  if (!model.has_open_bases || found == model.stations.end()) {
-    refuse_input("station " + shown(name) + " was not measured", model.has_open_bases
+  if (!model.has_undetermined_bases || found == model.stations.end()) {
+    refuse_input("station " + shown(name) + " was not measured", model.has_undetermined_bases
                                                                      ? "one of " + comma_separated(model.stations)
                                                                      : "none, as all was measured from one place");
   }
@@ -86,10 +86,10 @@ std::optional<std::size_t> station_named(const ErrorModel& model, const std::str
 }
 
 std::optional<std::size_t> measuring_station(const ErrorModel& model, const std::string& name) {
-  if (model.has_open_bases && model.stations.size() == 1 && name.empty()) {
+  if (model.has_undetermined_bases && model.stations.size() == 1 && name.empty()) {
     return 0;
   }
-  if (model.has_open_bases && name.empty()) {
+  if (model.has_undetermined_bases && name.empty()) {
     refuse_input("the measuring frame without its station", "one of " + comma_separated(model.stations));
   }
   return station_named(model, name);
@@ -99,7 +99,7 @@ std::optional<std::size_t> measuring_station(const ErrorModel& model, const std:
 
 std::vector<std::string> CalibratedArm::stations() const {
   const ErrorModel& model = parts_->basis->model;
-  return model.has_open_bases ? model.stations : std::vector<std::string>();
+  return model.has_undetermined_bases ? model.stations : std::vector<std::string>();
 }
 
 PredictedPoint CalibratedArm::predict(const Eigen::Ref<const Eigen::VectorXd>& q, const std::string& target,

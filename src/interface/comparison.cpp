@@ -185,7 +185,7 @@ struct Side {
 };
 
 // Directions of the predictions that one of the results does not determine.
-struct OpenDirections {
+struct UndeterminedDirections {
   MatrixXd columns;
   std::vector<std::string> names;  // parameters that only the other one determines
 
@@ -198,8 +198,8 @@ struct OpenDirections {
   }
 
   // A parameter that only `other` has is not zero in `side`: the parameters there imitate it as well as its targets
-  // show. What remains of it is open, as are directions that the measurements left open. `J`: derivatives of the
-  // flange.
+  // show. What remains of it is undetermined, as are directions that its measurements do not determine. `J`:
+  // derivatives of the flange.
   void add(const JoinedModel& joined, const MatrixXd& J, const Side& side, const Side& other) {
     const Unknowns& free = side.parts.free;
     const MatrixXd T = joined.derivatives(as_points(side.parts.estimate.frames.targets));
@@ -390,13 +390,13 @@ Comparison compare(const Calibration& before, const Calibration& after) {
   const Side first(before.parts(), joined, false);
   const Side second(after.parts(), joined, true);
   const Differences found(joined, first, second);
-  OpenDirections open;
-  open.add(joined, found.J, first, second);
-  open.add(joined, found.J, second, first);
-  const MatrixXd W = whitening(without(open.columns, found.F), found.F.squaredNorm());
+  UndeterminedDirections undetermined;
+  undetermined.add(joined, found.J, first, second);
+  undetermined.add(joined, found.J, second, first);
+  const MatrixXd W = whitening(without(undetermined.columns, found.F), found.F.squaredNorm());
   const VectorXd z = W * found.d;
   const MatrixXd J = W * found.J;
-  Comparison result{.unseen_zeros = unseen_zeros(joined, J), .not_compared = open.names};
+  Comparison result{.unseen_zeros = unseen_zeros(joined, J), .not_compared = undetermined.names};
   result.same_measurements = is_same(before.parts().measurements, after.parts().measurements);
   test(z, W * found.S, result);
   result.parameters = parameter_changes(first, J(Eigen::all, first.columns), z, result.misfit_factor);

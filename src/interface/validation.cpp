@@ -52,7 +52,7 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
                               (has_single_coordinates(rows) ? "single coordinates)" : "several stations)"));
     return;
   }
-  model.has_open_bases = false;  // a rotation that the points leave open stays as it was registered
+  model.has_undetermined_bases = false;  // a rotation that the points do not determine stays as registered
   for (const AlternativeReading& reading : alternative_readings_of_nominal(model, rows, estimate, options)) {
     if (reading.cause == Cause::joint_function) {  // normal for a robot that is not calibrated
       continue;

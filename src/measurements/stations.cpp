@@ -83,7 +83,7 @@ bool are_points_of_one_station(const Measurements& measurements) {
   return measurements.stations.size() == 1 && !has_single_coordinates(measurements);
 }
 
-bool leave_bases_open(const Measurements& measurements) {
+bool may_leave_bases_undetermined(const Measurements& measurements) {
   return !are_points_of_one_station(measurements) || undetermined_rotations(measurements).axes.cols() > 0;
 }
 

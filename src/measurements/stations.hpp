@@ -38,8 +38,8 @@ inline bool names_stations(const Measurements& measurements) {
 bool are_points_of_one_station(const Measurements& measurements);
 
 /// Whether directions of a base may not follow from its rows alone: there are several stations, rows that are no whole
-/// points, or points that leave a rotation open.
-bool leave_bases_open(const Measurements& measurements);
+/// points, or points that do not determine a rotation.
+bool may_leave_bases_undetermined(const Measurements& measurements);
 
 /// Throws InputError if a station of several has rows, but none of them is in `fitted`.
 void require_rows_of_each_station(const Measurements& measurements, const Measurements& fitted);

@@ -52,7 +52,7 @@ const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const 
 
 ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
   model.stations = measurements.stations;
-  model.has_open_bases = leave_bases_open(measurements);
+  model.has_undetermined_bases = may_leave_bases_undetermined(measurements);
   return model;
 }
 
@@ -62,7 +62,7 @@ const std::vector<std::string>& base_parameter_names() {
 }
 
 std::vector<std::string> base_parameter_names(const ErrorModel& model) {
-  if (!model.has_open_bases) {
+  if (!model.has_undetermined_bases) {
     return base_parameter_names();
   }
   std::vector<std::string> names;

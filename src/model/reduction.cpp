@@ -201,20 +201,20 @@ std::vector<bool> independent_columns(const Eigen::MatrixXd& columns, const std:
     }
   }
   while (true) {
-    std::vector<Eigen::Index> open;
+    std::vector<Eigen::Index> addable;
     double largest = 0.0;
     for (Eigen::Index c = 0; c < columns.cols(); ++c) {
       const double sine = remainders.sine(c);
       if (sine > limits.least && (limits.seen.size() == 0 || sine * remainders.norm(c) >= limits.seen[c])) {
-        open.push_back(c);
+        addable.push_back(c);
         largest = std::max(largest, sine);
       }
     }
-    if (open.empty()) {
+    if (addable.empty()) {
       return kept;
     }
-    const Eigen::Index next =
-        *std::find_if(open.begin(), open.end(), [&](Eigen::Index c) { return remainders.sine(c) >= 0.5 * largest; });
+    const Eigen::Index next = *std::find_if(addable.begin(), addable.end(),
+                                            [&](Eigen::Index c) { return remainders.sine(c) >= 0.5 * largest; });
     keep(next);
     if (replaceable != nullptr) {
       (*replaceable)[static_cast<std::size_t>(next)] = true;

@@ -207,7 +207,7 @@ Plan make_plan(const PlanRequest& request) {
   if (request.calibrated && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
   }
-  if (request.calibrated && request.calibrated->model.has_open_bases) {
+  if (request.calibrated && request.calibrated->model.has_undetermined_bases) {
     throw OptionError("result",
                       "has bases of stations, which a plan does not know; expected a calibration by whole points "
                       "that are not all on one line, without a column station");

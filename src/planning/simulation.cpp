@@ -78,7 +78,7 @@ VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random) {
   constexpr double kDistance = 2.0;  // [m] 1 sigma of a coordinate
   require_at_least("stations", stations, 2);
   robot.model.stations = {"S1"};
-  robot.model.has_open_bases = true;
+  robot.model.has_undetermined_bases = true;
   robot.truth.frames.bases.resize(1);
   for (int station = 2; station <= stations; ++station) {
     robot.model.stations.push_back("S" + std::to_string(station));

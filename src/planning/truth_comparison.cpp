@@ -110,7 +110,7 @@ ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, cons
 
 ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_values) {
   Estimate& estimate = arms.estimate;
-  if (arms.model.has_open_bases) {
+  if (arms.model.has_undetermined_bases) {
     const auto points = [&](const Estimate& arm) {
       Eigen::Matrix3Xd result(3, 0);
       for (const Eigen::Isometry3d& X_BF : flange_poses(arms.model, arm, joint_values)) {

@@ -44,8 +44,8 @@ struct ArmAndTruth {
 };
 ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth);
 
-/// As if there were one station, the truth's first. If the estimate has several, which may leave rotations open, its
-/// base is placed where its targets at `joint_values` (joints x N) are nearest to the true ones.
+/// As if there were one station, the truth's first. If the estimate has several, which may not determine all rotations,
+/// its base is placed where its targets at `joint_values` (joints x N) are nearest to the true ones.
 ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_values);
 
 /// Distances [m] between predicted and true target positions in W, target by target in each configuration.

@@ -304,7 +304,7 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
                              {"explained_by_joint", lack.explained_by_joint}};
   }
   result["predicted_accuracy"] =
-      predicted_json(calibration.uncertainty.predicted, calibration.noise, calibration.model.has_open_bases);
+      predicted_json(calibration.uncertainty.predicted, calibration.noise, calibration.model.has_undetermined_bases);
   if (calibration.uncertainty.predicted.undetermined.cols() > 0) {
     result["undetermined"] =
         undetermined_json(calibration.fit.candidates, calibration.uncertainty.predicted.undetermined);
@@ -471,7 +471,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["effects"] = effects_json(calibration, measurements);
   result["model"] = reduction_json(calibration.fit.reduction);
   result["base"] = base_json(calibration, 0);
-  if (calibration.model.has_open_bases) {
+  if (calibration.model.has_undetermined_bases) {
     result["stations"] = stations_json(calibration);
   }
   result["targets"] = targets_json(calibration);

@@ -344,7 +344,8 @@ void add_frames(const ErrorModel& model, const Estimate& estimate, std::string& 
   const std::string axes = "           x           y           z\n";
   text += "\nbase, as measured [mm]    " + axes;
   for (std::size_t station = 0; station < estimate.frames.bases.size(); ++station) {
-    add_base(model.has_open_bases ? "from " + model.stations[station] : "origin", estimate.frames.base(station), text);
+    add_base(model.has_undetermined_bases ? "from " + model.stations[station] : "origin", estimate.frames.base(station),
+             text);
   }
   text += "\ntargets on the flange [mm]" + axes;
   for (const TargetFrame& target : estimate.frames.targets) {

@@ -397,7 +397,7 @@ void read_stations(const Node& top, CalibrationParts& saved) {
     return;
   }
   const Node block = member(top, "stations");
-  saved.model.has_open_bases = true;
+  saved.model.has_undetermined_bases = true;
   saved.model.stations.clear();
   for (const Node& node : elements(block)) {
     saved.model.stations.push_back(tree::name(member(node, "name")));

@@ -427,7 +427,7 @@ ModelSelection select_model(const ModelSelectionTask& task, const Identification
                             Method method) {
   constexpr double kNothingToLearn = 1e-10;  // [m] smaller misfits differ only by rounding
   ModelSelection as_stated{.priors = task.options.priors, .rigid_priors = task.options.priors};
-  if (!is_open(task.options) || method != Method::joint || !(rigid.rms > kNothingToLearn)) {
+  if (!needs_selection(task.options) || method != Method::joint || !(rigid.rms > kNothingToLearn)) {
     return as_stated;
   }
   const bool automatic = task.options.automatic_priors || task.options.effects.automatic;

@@ -27,7 +27,7 @@ struct ModelSelectionOptions {
   std::shared_ptr<const EarlierResult> earlier = {};  ///< instead of a selection
 };
 /// Whether priors or effects are to be selected or sized.
-inline bool is_open(const ModelSelectionOptions& options) {
+inline bool needs_selection(const ModelSelectionOptions& options) {
   return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
 }
 

@@ -72,7 +72,7 @@ std::vector<std::string> fixed_frames(const ErrorModel& model, const std::vector
 
 // The reduction has one base. It is fixed if that of any station is, because the targets are told from the arm there.
 std::vector<std::string> of_one_base(const ErrorModel& model, std::vector<std::string> fixed) {
-  if (model.has_open_bases && std::erase_if(fixed, is_of_station) > 0) {
+  if (model.has_undetermined_bases && std::erase_if(fixed, is_of_station) > 0) {
     fixed.insert(fixed.end(), base_parameter_names().begin(), base_parameter_names().end());
   }
   return fixed;
@@ -80,7 +80,7 @@ std::vector<std::string> of_one_base(const ErrorModel& model, std::vector<std::s
 
 // With several stations the bases of all stand in the place of the base.
 void give_each_station_a_base(const ErrorModel& model, Reduction& reduction) {
-  if (!model.has_open_bases) {
+  if (!model.has_undetermined_bases) {
     return;
   }
   std::vector<std::string> kept = base_parameter_names(model);

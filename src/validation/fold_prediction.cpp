@@ -68,10 +68,12 @@ public:
       inverse_ = factor.solve(MatrixXd::Identity(left.rows(), left.cols()));
     } else {  // the inverse in the directions that the rest determines
       const auto [values, vectors] = spectrum(left);
-      const Index open = (values.array() <= kLeftOfInformation).count();
-      const auto shown = vectors.rightCols(values.size() - open);
-      inverse_ = shown * values.tail(values.size() - open).cwiseInverse().asDiagonal() * shown.transpose();
-      open_ = narrow_ ? MatrixXd(B_.transpose() * vectors.leftCols(open)) : MatrixXd(vectors.leftCols(open));
+      const Index undetermined = (values.array() <= kLeftOfInformation).count();
+      const auto determined = vectors.rightCols(values.size() - undetermined);
+      inverse_ =
+          determined * values.tail(values.size() - undetermined).cwiseInverse().asDiagonal() * determined.transpose();
+      undetermined_ = narrow_ ? MatrixXd(B_.transpose() * vectors.leftCols(undetermined))
+                              : MatrixXd(vectors.leftCols(undetermined));
     }
     if (rows > 0) {
       step_ = narrow_ ? VectorXd(-B_.transpose() * (inverse_ * e)) : VectorXd(-inverse_ * (B_.transpose() * e));
@@ -80,10 +82,10 @@ public:
 
   bool is_determined() const { return determined_; }
   const VectorXd& step() const { return step_; }
-  // J C J^T; infinite if the rest leaves something of it open.
+  // J C J^T; infinite if the rest does not determine all of it.
   Matrix3d covariance(const MatrixXd& J) const {
     constexpr double kNone = 1e-6;  // of J
-    if (open_.cols() > 0 && (J * open_).norm() > kNone * J.norm()) {
+    if (undetermined_.cols() > 0 && (J * undetermined_).norm() > kNone * J.norm()) {
       return Matrix3d::Constant(std::numeric_limits<double>::infinity());
     }
     if (!narrow_) {
@@ -98,7 +100,7 @@ private:
   bool narrow_ = false;
   bool determined_ = false;
   MatrixXd inverse_;
-  MatrixXd open_;  // orthogonal directions of the unknowns, in columns
+  MatrixXd undetermined_;  // orthogonal directions of the unknowns, in columns
   VectorXd step_;
 };
 

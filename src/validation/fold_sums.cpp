@@ -93,11 +93,11 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
   const ConfigurationSums sums(*training, with_rest(folds, (*training).measurements), threads);
   const double settled = std::max(kSettledOfNoise * noise, kExactSum);
   std::vector<std::vector<double>> distances(folds.size());
-  std::vector<int> open(folds.size(), 1);
+  std::vector<int> moving(folds.size(), 1);
   parallel_for(folds.size(), threads, [&](std::size_t f) {
     Estimate estimate = problem.start;
     ScaledSolver solver;
-    for (int step = 0; step < kMostSteps && open[f] != 0; ++step) {
+    for (int step = 0; step < kMostSteps && moving[f] != 0; ++step) {
       const NormalEquations equations = sums.without(f, estimate, step == 0);
       solver.solve(equations.hessian, {}, equations.gradient);
       const VectorXd& move = solver.solution();
@@ -106,7 +106,7 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
         break;
       }
       estimate = problem.free.moved(estimate, move);
-      open[f] = effect > settled ? 1 : 0;
+      moving[f] = effect > settled ? 1 : 0;
     }
     distances[f] = position_errors(problem.model, estimate, averaged(sums.measurements(f)));
     if (problem.options.after_fit) {
@@ -116,7 +116,7 @@ HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std:
   HoldOut result{.distances = {}, .refits = static_cast<int>(folds.size())};
   for (std::size_t f = 0; f < folds.size(); ++f) {
     result.distances.insert(result.distances.end(), distances[f].begin(), distances[f].end());
-    result.not_converged += open[f];
+    result.not_converged += moving[f];
   }
   return result;
 }

@@ -34,7 +34,7 @@ Freedom freedom_of(const Measurements& training, const KnownFrames& known, const
   const int of_bases = 6 * static_cast<int>(stations.size());
   const int coordinates = dimension(averaged(training));
   return {.unknowns = of_bases + 3 * std::max(unknown_targets, 0),
-          .open = registration.open,
+          .undetermined = registration.undetermined,
           .coordinates = coordinates,
           .configurations = static_cast<int>(configurations.size()),
           .points = std::min(coordinates, 3 * static_cast<int>(configurations.size())),
@@ -70,7 +70,7 @@ double Freedom::correction() const { return std::sqrt(static_cast<double>(coordi
 // With f degrees of freedom, points * rms^2 / true^2 is about chi-squared.
 double Freedom::upper_95() const {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  const int freedom = points - std::max(of_points - open, 0);
+  const int freedom = points - std::max(of_points - undetermined, 0);
   return freedom > 0 ? std::sqrt(points / (freedom * f_critical(0.95, freedom, kInfinity))) : kInfinity;
 }
 

@@ -14,13 +14,13 @@ namespace kdl_calibration {
 /// Degrees of freedom of the registration of base and targets.
 struct Freedom {
   int unknowns = 0;
-  int open = 0;         ///< unknowns that the measurements do not determine
-  int coordinates = 0;  ///< coordinates of distinct points
+  int undetermined = 0;  ///< unknowns that the measurements do not determine
+  int coordinates = 0;   ///< coordinates of distinct points
   int configurations = 0;
   int points = 0;     ///< coordinates of one point for each configuration: its targets share the error of the arm
   int of_points = 0;  ///< unknowns of these: bases, and one target if any is unknown
 
-  int spent() const { return unknowns - open; }
+  int spent() const { return unknowns - undetermined; }
   int left() const { return coordinates - spent(); }
   /// Factor on the RMS of the registered points that corrects for the degrees of freedom used by base and targets.
   double correction() const;

@@ -165,7 +165,7 @@ std::vector<std::vector<std::int16_t>> bases_lost(const Measurements& measuremen
   for (std::size_t station = 0; station < measurements.stations.size(); ++station) {
     const auto s = static_cast<std::int16_t>(station);
     const Measurements own = rows_of_station(measurements, station).measurements;
-    const Eigen::Index open = undetermined_rotations(rest_of(own, {})).axes.cols();
+    const Eigen::Index undetermined = undetermined_rotations(rest_of(own, {})).axes.cols();
     const auto all = static_cast<std::size_t>(std::count(stations.begin(), stations.end(), s));
     for (std::size_t f = 0; f < folds.size(); ++f) {
       const auto left_out =
@@ -176,7 +176,7 @@ std::vector<std::vector<std::int16_t>> bases_lost(const Measurements& measuremen
         continue;
       }
       const Measurements rest = rest_of(own, folds[f]);
-      if (rest.observations.empty() || undetermined_rotations(rest).axes.cols() > open) {
+      if (rest.observations.empty() || undetermined_rotations(rest).axes.cols() > undetermined) {
         result[f].push_back(s);
       }
     }

@@ -54,7 +54,7 @@ TEST(StationRegistration, FindsEachBaseAndTheSharedTargets) {
     MovedTracker experiment(seed);
     const Registration found = experiment.registered(experiment.measured());
     EXPECT_LT(experiment.distance(found), 1e-9) << seed;
-    EXPECT_EQ(found.open, 0);
+    EXPECT_EQ(found.undetermined, 0);
     EXPECT_LT(found.rms, 1e-10);
   }
 }
@@ -208,7 +208,7 @@ TEST(SingleCoordinateRegistration, FindsTargetsAndPlanesFromHeights) {
     MovedTracker experiment(seed, 45);
     const Registration found = experiment.registered(along(experiment.measured(), Eigen::Vector3d::UnitZ()));
     EXPECT_LT(found.rms, 1e-9) << seed;
-    EXPECT_EQ(found.open, 3 * 3) << seed;
+    EXPECT_EQ(found.undetermined, 3 * 3) << seed;
     for (std::size_t s = 0; s < 3; ++s) {
       const Eigen::Isometry3d& truth = experiment.robot.truth.frames.base(s);
       EXPECT_LT((found.frames.base(s).linear().row(2) - truth.linear().row(2)).norm(), 1e-8) << seed;

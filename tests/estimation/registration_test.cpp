@@ -290,8 +290,8 @@ TEST(Registration, CountsTheDirectionsThatAreOpen) {
   Random random(8);
   const ErrorModel model = complete_model(fanuc());
   Scene scene(exact_robot(model, 1, random), 9, random);
-  EXPECT_EQ(scene.registered().open, 0);
-  EXPECT_EQ(scene.registered({.known = {.bases = {{.X_WB = scene.robot.truth.frames.base()}}}}).open, 0);
+  EXPECT_EQ(scene.registered().undetermined, 0);
+  EXPECT_EQ(scene.registered({.known = {.bases = {{.X_WB = scene.robot.truth.frames.base()}}}}).undetermined, 0);
   for (const double error : {0.0, 1e-6, 1e-3}) {
     for (std::size_t i = 0; i < scene.X_BF.size(); ++i) {
       const Eigen::Vector3d off = error * Eigen::Vector3d{random.normal(), random.normal(), random.normal()};
@@ -300,7 +300,7 @@ TEST(Registration, CountsTheDirectionsThatAreOpen) {
       scene.measured.observations[i].position() = Eigen::Vector3d(1.0, 2.0, 3.0) - 0.1 * off;
     }
     const Registration found = scene.registered();
-    EXPECT_EQ(found.open, 3) << error;
+    EXPECT_EQ(found.undetermined, 3) << error;
     EXPECT_THAT(found.message, ::testing::HasSubstr("hardly move")) << error;
     EXPECT_LT(scene.targets_off(found), 3.0 * error + 1e-9);
   }
