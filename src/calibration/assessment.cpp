@@ -50,7 +50,7 @@ Eigen::MatrixXd grouped_shifts(const Influence& influence, const Measurements& m
   for (const ConfigurationInfluence& entry : influence.configurations) {
     shift_of.emplace(entry.configuration, &entry.shift);
   }
-  const auto groups = with_rest(make_folds(measurements, kMostGroups), measurements);
+  const auto groups = folds_with_rest(make_folds(measurements, kMostGroups), measurements);
   const auto count = static_cast<Eigen::Index>(groups.size());
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(R.cols(), count + priors.rows());
   for (Eigen::Index g = 0; g < count; ++g) {

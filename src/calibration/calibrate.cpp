@@ -324,7 +324,7 @@ Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const Tra
 }
 
 DeterminedFit with_weights_of_all(DeterminedFit fit, const TrainingRows& rows) {
-  fit.robust.weights = rows.among_all(std::move(fit.robust.weights), 1.0);
+  fit.robust.weights = rows.values_among_all(std::move(fit.robust.weights), 1.0);
   return fit;
 }
 
@@ -394,7 +394,7 @@ enum class GrossRowSearch { yes, no };
 Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
                       GrossRowSearch search, std::optional<DistanceZero> zero = std::nullopt) {
   const TrainingRows rows(measurements);
-  const ErrorModel model = at_stations_of(*rows, arm);
+  const ErrorModel model = model_at_stations(*rows, arm);
   require_rows_of_each_station(measurements, *rows);
   check_options(model, measurements, *rows, options);
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());

@@ -170,7 +170,7 @@ VirtualRobot at_places(VirtualRobot robot, const Setup& set, const SimulateArgum
     return robot;
   }
   Random random(arguments.seed, kStream);
-  robot = at_stations(std::move(robot), stations, random);
+  robot = robot_at_stations(std::move(robot), stations, random);
   if (has_own_stations(set)) {
     robot.model.stations = set.plan->stations;
   }

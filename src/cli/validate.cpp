@@ -199,7 +199,7 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
   const Eigen::MatrixXd joint_values = random_configurations(
       nominal.joints, ranges_to_compare_in(truth_as_read, arguments.truth, nominal), kConfigurationsOfTruth, random);
   const auto [model, estimate, truth] = without_stations(
-      as_one_model(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate}), joint_values);
+      arm_and_truth(found.model, found.estimate, {.model = drawn.model, .truth = drawn.estimate}), joint_values);
   const TruthComparison comparison = compare_with_truth(model, estimate, truth, joint_values);
   if (arguments.json) {
     Json json = truth_json(model, estimate, truth, comparison);
@@ -258,7 +258,7 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const std::vector<Judged> outcomes = judged(requirements, errors, result);
   const std::vector<std::string> missed = unfulfilled(outcomes);
   for (OutputFile& file : files) {
-    const ErrorModel model = at_stations_of(measurements, arm->model);
+    const ErrorModel model = model_at_stations(measurements, arm->model);
     const Estimate estimate{.errors = arm->estimate.errors, .frames = errors.frames, .effects = arm->estimate.effects};
     file.text =
         validation_page({.result = with_provenance(arguments, robot, measurements, result),

@@ -204,7 +204,7 @@ RobustIdentification reweighted_fit(const FitProblem& problem) {
 RobustIdentification identify_robustly(const FitProblem& problem) {
   const TrainingProblem training(problem);
   RobustIdentification result = reweighted_fit(*training);
-  result.weights = training.rows().among_all(std::move(result.weights), 1.0);
+  result.weights = training.rows().values_among_all(std::move(result.weights), 1.0);
   if (training.rows().has_others()) {
     result.distances =
         row_distances(problem.model, problem.measurements, result.fit.estimate, problem.options.joint.residuals.noise);

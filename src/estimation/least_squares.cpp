@@ -69,8 +69,9 @@ struct LeastSquaresProblem::Data {
        const ResidualOptions& options)
       : model(the_model),
         unknowns(the_unknowns),
-        one_station(the_model.has_undetermined_bases ? std::make_unique<const ErrorModel>(at_stations_of({}, the_model))
-                                                     : nullptr),
+        one_station(the_model.has_undetermined_bases
+                        ? std::make_unique<const ErrorModel>(model_at_stations({}, the_model))
+                        : nullptr),
         parts(parts_of(measurements, options)),
         observed(parts.empty() ? gathered(the_model, the_unknowns, measurements, options) : ObservedData()),
         totals(totals_of_parts()),
@@ -142,7 +143,7 @@ std::vector<LeastSquaresProblem::Data::Part> LeastSquaresProblem::Data::parts_of
       residuals.row_weights.push_back(options.row_weights[own.rows[i]]);
     }
     Part& part = result.emplace_back(Part{station, {}, nullptr, undetermined_rotations(own.measurements)});
-    const std::vector<bool> marked = unknowns.at_station(station);
+    const std::vector<bool> marked = unknowns.columns_at_station(station);
     for (std::size_t column = 0; column < marked.size(); ++column) {
       if (marked[column]) {
         part.columns.push_back(static_cast<Index>(column));

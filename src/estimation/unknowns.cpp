@@ -203,7 +203,7 @@ Unknowns Unknowns::subset(const std::vector<bool>& marked) const {
   return result;
 }
 
-std::vector<bool> Unknowns::at_station(std::size_t station) const {
+std::vector<bool> Unknowns::columns_at_station(std::size_t station) const {
   std::vector<bool> marked;
   for (const Unknown& unknown : columns_) {
     marked.push_back(unknown.group != UnknownGroup::base || unknown.index / 6 == station);
@@ -212,7 +212,7 @@ std::vector<bool> Unknowns::at_station(std::size_t station) const {
 }
 
 Unknowns Unknowns::of_station(std::size_t station) const {
-  std::vector<Unknown> own = subset(at_station(station)).columns_;
+  std::vector<Unknown> own = subset(columns_at_station(station)).columns_;
   for (Unknown& unknown : own) {
     unknown.index -= unknown.group == UnknownGroup::base ? 6 * station : 0;
     unknown.sigma = 0.0;

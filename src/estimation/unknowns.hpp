@@ -67,7 +67,7 @@ public:
   /// The unknowns whose columns are marked, one mark per column.
   Unknowns subset(const std::vector<bool>& marked) const;
   /// Marks of the columns that move the points of one station: all but the other stations' bases.
-  std::vector<bool> at_station(std::size_t station) const;
+  std::vector<bool> columns_at_station(std::size_t station) const;
   /// The unknowns with these columns, as if that station were the only one, and without priors of effects.
   Unknowns of_station(std::size_t station) const;
 

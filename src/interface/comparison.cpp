@@ -86,7 +86,7 @@ struct JoinedModel {
     if (!model.effects.empty() && !more.empty() && model.gravity != after.model.gravity) {
       refuse_input("the calibrations have different directions of gravity", "the same in the base frame");
     }
-    model = at_stations_of({}, std::move(model));
+    model = model_at_stations({}, std::move(model));
     model.gravity = more.empty() ? model.gravity : after.model.gravity;
     model.effects.insert(model.effects.end(), more.begin(), more.end());
     std::set<std::size_t> all;

@@ -69,7 +69,7 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
                          const DiagnosisOptions& diagnosis) {
   constexpr double kAbsurd = 0.1;  // of the arm's length: 3 degrees in every joint leave half of that
   const Measurements rows = rows_to_register(measurements);
-  const ErrorModel model = at_stations_of(*TrainingRows(rows), arm.model);
+  const ErrorModel model = model_at_stations(*TrainingRows(rows), arm.model);
   check(measurements, model);
   check(known, measurements);
   const RegisteredErrors found =

@@ -43,7 +43,7 @@ std::vector<double> TrainingRows::values_of(std::vector<double> of_all) const {
   return result;
 }
 
-std::vector<double> TrainingRows::among_all(std::vector<double> values, double other) const {
+std::vector<double> TrainingRows::values_among_all(std::vector<double> values, double other) const {
   if (!values.empty()) {
     require_count("values of training rows", values.size(), (**this).observations.size());
   }

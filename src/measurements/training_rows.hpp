@@ -27,7 +27,7 @@ public:
   /// Selects the training rows' values from those of all rows; empty for an empty list.
   std::vector<double> values_of(std::vector<double> of_all) const;
   /// Expands the training rows' values to all rows, the others getting `other`; empty for an empty list.
-  std::vector<double> among_all(std::vector<double> values, double other) const;
+  std::vector<double> values_among_all(std::vector<double> values, double other) const;
 
 private:
   const Measurements& all_;

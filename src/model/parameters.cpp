@@ -50,7 +50,7 @@ const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const 
   return found == bases.end() ? nullptr : &found->X_WB;
 }
 
-ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model) {
+ErrorModel model_at_stations(const Measurements& measurements, ErrorModel model) {
   model.stations = measurements.stations;
   model.has_undetermined_bases = may_leave_bases_undetermined(measurements);
   return model;

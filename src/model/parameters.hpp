@@ -33,7 +33,7 @@ const Eigen::Isometry3d* find_base(const std::vector<StationBase>& bases, const 
 
 /// The model with the stations of these measurements, if they are several or measured single coordinates, which may
 /// leave the base undetermined without any consequence for the arm.
-ErrorModel at_stations_of(const Measurements& measurements, ErrorModel model);
+ErrorModel model_at_stations(const Measurements& measurements, ErrorModel model);
 
 /// Names "base.Tx" … "base.Rz".
 const std::vector<std::string>& base_parameter_names();

@@ -79,7 +79,7 @@ MatrixXf CandidatePool::traces(const std::vector<MatrixXd>& forms, Index count, 
 Tasks::Tasks(const PointRows& rows, const MatrixXd& joint_values, bool worst, int threads) : rows_(rows) {
   const Index count = worst ? std::min(kTasksOfWorst, joint_values.cols()) : joint_values.cols();
   const Index features = feature_count(rows.chain_columns());
-  const std::size_t targets = rows.by_target().size();
+  const std::size_t targets = rows.target_blocks().size();
   if (worst) {
     packed_.assign(targets, RowMajorXf(count, features));
   }
@@ -91,7 +91,7 @@ Tasks::Tasks(const PointRows& rows, const MatrixXd& joint_values, bool worst, in
     for (auto i = static_cast<Index>(first); i < static_cast<Index>(end); ++i) {
       const Matrix6Xd J = rows.jacobian(joint_values.col(i));
       for (std::size_t t = 0; t < targets; ++t) {
-        const MatrixXd& S = rows.by_target()[t].S;
+        const MatrixXd& S = rows.target_blocks()[t].S;
         pack_features(J, S.transpose() * S, packed);
         sums[first / kCandidateBlock].col(static_cast<Index>(t)) += packed.transpose();
         if (worst) {
@@ -107,8 +107,8 @@ Tasks::Tasks(const PointRows& rows, const MatrixXd& joint_values, bool worst, in
     for (const MatrixXd& block : sums) {
       sum += block.col(static_cast<Index>(t));
     }
-    mean_ +=
-        unpacked_information(rows.by_target()[t], sum * each, each * static_cast<double>(count), rows.chain_columns());
+    mean_ += unpacked_information(rows.target_blocks()[t], sum * each, each * static_cast<double>(count),
+                                  rows.chain_columns());
   }
 }
 
@@ -123,7 +123,7 @@ double Tasks::power_mean(const MatrixXd& C, double power, MatrixXd& B) const {
   for (std::size_t t = 0; t < packed_.size(); ++t) {
     const VectorXd of_target = w.col(static_cast<Index>(t));
     const VectorXf sum = packed_[t].transpose() * of_target.cast<float>();
-    B += unpacked_information(rows_.by_target()[t], sum.cast<double>(), of_target.sum(), rows_.chain_columns());
+    B += unpacked_information(rows_.target_blocks()[t], sum.cast<double>(), of_target.sum(), rows_.chain_columns());
   }
   return largest * std::pow(mean, 1.0 / power);
 }
@@ -131,7 +131,7 @@ double Tasks::power_mean(const MatrixXd& C, double power, MatrixXd& B) const {
 MatrixXd Tasks::variances(const MatrixXd& C) const {
   MatrixXd v(packed_.front().rows(), static_cast<Index>(packed_.size()));
   for (std::size_t t = 0; t < packed_.size(); ++t) {
-    const PackedForm form = packed_form(rows_.by_target()[t], C, rows_.chain_columns());
+    const PackedForm form = packed_form(rows_.target_blocks()[t], C, rows_.chain_columns());
     const VectorXf part = packed_[t] * form.weights.cast<float>();
     v.col(static_cast<Index>(t)) = part.cast<double>().array() + form.constant;
   }

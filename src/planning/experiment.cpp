@@ -52,7 +52,7 @@ NoiseModel noise_model(const PointNoise& noise) {
 
 Experiment nominal_experiment(const ErrorModel& model, const std::vector<TargetFrame>& targets, const PointNoise& noise,
                               const Priors& priors) {
-  Experiment experiment{.model = at_stations_of({}, model),
+  Experiment experiment{.model = model_at_stations({}, model),
                         .errors = {},
                         .targets = targets,
                         .free = {},
@@ -158,7 +158,7 @@ std::vector<MatrixXd> predicted_variances(const PointRows& rows, const std::vect
   for (Index t = 0; t < T; ++t) {
     MatrixXd& of_target = weights.emplace_back(features, K);
     for (Index k = 0; k < K; ++k) {
-      const PackedForm form = packed_form(rows.by_target()[static_cast<std::size_t>(t)],
+      const PackedForm form = packed_form(rows.target_blocks()[static_cast<std::size_t>(t)],
                                           covariances[static_cast<std::size_t>(k)], rows.chain_columns());
       of_target.col(k) = form.weights;
       constants(t, k) = form.constant;
@@ -174,7 +174,7 @@ std::vector<MatrixXd> predicted_variances(const PointRows& rows, const std::vect
         }
         Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> packed(n, features);
         for (std::size_t t = 0; t < variances.size(); ++t) {
-          const MatrixXd& S = rows.by_target()[t].S;
+          const MatrixXd& S = rows.target_blocks()[t].S;
           const Matrix6d P = S.transpose() * S;
           for (Index i = 0; i < n; ++i) {
             pack_features(jacobians[static_cast<std::size_t>(i)], P, packed.row(i));

@@ -69,7 +69,7 @@ PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach,
     return {.robot = robot, .measurements = touches};
   }
   // The first of the stations is where the robot stands, where no distance depends on joint 1.
-  robot = at_stations(std::move(robot), places.stations + 1, random);
+  robot = robot_at_stations(std::move(robot), places.stations + 1, random);
   robot.model.stations.pop_back();
   robot.truth.frames.bases.erase(robot.truth.frames.bases.begin());
   const Measurements points = measure(robot, q, {}, random);

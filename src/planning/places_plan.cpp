@@ -95,8 +95,8 @@ void exchange(Choice& choice) {
   choice.value = log_det(M) - log_det(M.topLeftCorner(choice.bases, choice.bases));
 }
 
-// The places in the list that hold this station.
-std::vector<std::size_t> at_station(const std::vector<std::int16_t>& stations, std::size_t station) {
+// The indices in the list that hold this station.
+std::vector<std::size_t> indices_at_station(const std::vector<std::int16_t>& stations, std::size_t station) {
   std::vector<std::size_t> result;
   for (std::size_t i = 0; i < stations.size(); ++i) {
     if (static_cast<std::size_t>(stations[i]) == station) {
@@ -111,7 +111,7 @@ std::vector<std::size_t> drawn(const Choice& choice, int count, Random& random) 
   const int stations = choice.stations.back() + 1;
   std::vector<std::size_t> result;
   for (int station = 0; station < stations; ++station) {
-    std::vector<std::size_t> own = at_station(choice.stations, static_cast<std::size_t>(station));
+    std::vector<std::size_t> own = indices_at_station(choice.stations, static_cast<std::size_t>(station));
     const int wanted = count * (station + 1) / stations - count * station / stations;
     for (int k = 0; k < wanted; ++k) {
       const auto at = static_cast<std::size_t>(random.uniform() * static_cast<double>(own.size()));
@@ -209,7 +209,7 @@ std::vector<Index> in_order(const std::vector<MovingJoint>& joints, VectorXd hom
   const std::vector<std::int16_t> stations = stations_of_configurations(chosen);
   std::vector<Index> order;
   for (std::size_t station = 0; station < chosen.stations.size(); ++station) {
-    const std::vector<std::size_t> own = at_station(stations, station);  // each has some
+    const std::vector<std::size_t> own = indices_at_station(stations, station);  // each has some
     for (const Index stop : short_way(joints, home, chosen.joint_values(Eigen::all, own))) {
       order.push_back(static_cast<Index>(own[static_cast<std::size_t>(stop)]));
     }

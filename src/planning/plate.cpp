@@ -175,7 +175,7 @@ Measurements touch(const Plate& plate, const JointRanges& ranges, Index configur
     }
   }
   robot.truth.frames.bases = std::move(bases);
-  robot.model = at_stations_of(result, std::move(robot.model));
+  robot.model = model_at_stations(result, std::move(robot.model));
   return result;
 }
 

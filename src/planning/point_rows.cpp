@@ -68,7 +68,7 @@ PointRows::PointRows(const Experiment& experiment)
         points_.E(3 * t + axis, column - target_columns.first) = 1.0;
       }
     }
-    by_target_.push_back({.S = points_.S.middleRows(3 * t, 3), .E = points_.E.middleRows(3 * t, 3)});
+    target_blocks_.push_back({.S = points_.S.middleRows(3 * t, 3), .E = points_.E.middleRows(3 * t, 3)});
   }
   // Covariance of one coordinate of all targets; the coordinates are independent.
   const double own = experiment.noise.sigma * experiment.noise.sigma;

@@ -31,10 +31,10 @@ public:
 
   Eigen::Index chain_columns() const { return static_cast<Eigen::Index>(twists_.size()); }
   Eigen::Index columns() const { return chain_columns() + points_.E.cols(); }
-  Eigen::Index targets() const { return static_cast<Eigen::Index>(by_target_.size()); }
+  Eigen::Index targets() const { return static_cast<Eigen::Index>(target_blocks_.size()); }
 
-  const PointBlock& points() const { return points_; }                     ///< all targets
-  const std::vector<PointBlock>& by_target() const { return by_target_; }  ///< 3 rows each
+  const PointBlock& points() const { return points_; }                             ///< all targets
+  const std::vector<PointBlock>& target_blocks() const { return target_blocks_; }  ///< 3 rows each
 
   /// Changes to a basis in which the chain's block of the information `mean`, after elimination of the targets, is the
   /// identity, so that columns are well conditioned. False if `mean` is singular.
@@ -68,7 +68,7 @@ private:
   Matrix6d whitened_gram_;  // S^T S of whitened_
   PointNoise noise_;
   std::vector<TargetFrame> targets_;
-  std::vector<PointBlock> by_target_;
+  std::vector<PointBlock> target_blocks_;
   std::optional<Eigen::MatrixXd> basis_;  // empty: unchanged
 };
 

@@ -74,7 +74,7 @@ VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB) {
   return robot;
 }
 
-VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random) {
+VirtualRobot robot_at_stations(VirtualRobot robot, int stations, Random& random) {
   constexpr double kDistance = 2.0;  // [m] 1 sigma of a coordinate
   require_at_least("stations", stations, 2);
   robot.model.stations = {"S1"};

@@ -54,7 +54,7 @@ VirtualRobot placed(VirtualRobot robot, const Eigen::Isometry3d& X_WB);
 
 /// The same robot measured from several stations "S1", "S2" and so on: the first as before, the others anywhere
 /// within a few metres. measure() divides the configurations among them, in their order.
-VirtualRobot at_stations(VirtualRobot robot, int stations, Random& random);
+VirtualRobot robot_at_stations(VirtualRobot robot, int stations, Random& random);
 
 /// Gives the robot every term of these groups that the configurations can tell apart, with normally distributed
 /// coefficients of 1 sigma `sigma` [rad or m].

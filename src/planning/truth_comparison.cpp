@@ -91,7 +91,7 @@ Eigen::VectorXd among(Index count, Index first, const Eigen::VectorXd& own) {
 
 }  // namespace
 
-ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth) {
+ArmAndTruth arm_and_truth(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth) {
   const std::vector<EffectTerm>& added = truth.model.effects;
   if (!model.effects.empty() && !added.empty() && !KDL::Equal(model.gravity, truth.model.gravity, 1e-9)) {
     throw InputError("gravity pulls in another direction in the truth than in the result, expected the same");
@@ -124,7 +124,7 @@ ArmAndTruth without_stations(ArmAndTruth arms, const Eigen::MatrixXd& joint_valu
     estimate.frames.base() =
         rigid_motion(points(estimate), points(with_targets_of(estimate, arms.truth))) * estimate.frames.base();
   }
-  arms.model = at_stations_of({}, std::move(arms.model));
+  arms.model = model_at_stations({}, std::move(arms.model));
   estimate.frames.bases.resize(1);
   arms.truth.frames.bases.resize(1);
   return arms;

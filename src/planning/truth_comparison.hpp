@@ -42,7 +42,7 @@ struct ArmAndTruth {
   Estimate estimate;
   Estimate truth;
 };
-ArmAndTruth as_one_model(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth);
+ArmAndTruth arm_and_truth(const ErrorModel& model, const Estimate& estimate, const VirtualRobot& truth);
 
 /// As if there were one station, the truth's first. If the estimate has several, which may not determine all rotations,
 /// its base is placed where its targets at `joint_values` (joints x N) are nearest to the true ones.

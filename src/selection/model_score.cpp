@@ -172,7 +172,7 @@ double ModelScorer::motion_of(const Candidate& candidate, const LinearRows& rows
 }
 
 ModelScorer::Sums ModelScorer::sums_by_folds(const LinearRows& rows) const {
-  const std::vector<std::vector<Index>> parts = with_rest(folds_, means_);
+  const std::vector<std::vector<Index>> parts = folds_with_rest(folds_, means_);
   Sums sums{.all = {}, .folds = std::vector<LinearSums>(parts.size())};
   parallel_for(parts.size(), threads_, [&](std::size_t f) { sums.folds[f] = sums_of(rows, parts[f]); });
   sums.all = sums.folds.front();

@@ -90,7 +90,7 @@ private:
   double motion_of(const Candidate& candidate, const LinearRows& rows, const Eigen::VectorXd& values) const;
   struct Sums {
     LinearSums all;
-    std::vector<LinearSums> folds;  ///< see with_rest()
+    std::vector<LinearSums> folds;  ///< see folds_with_rest()
   };
   Sums sums_by_folds(const LinearRows& rows) const;
   void predict_folds(const Candidate& candidate, const LinearRows& rows, Sums sums, ModelScore& score,

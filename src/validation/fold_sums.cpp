@@ -90,7 +90,7 @@ private:
 HoldOut cross_validate_by_sums(const FitProblem& problem, const std::vector<std::vector<Index>>& folds, double noise,
                                int threads) {
   const TrainingProblem training(problem);
-  const ConfigurationSums sums(*training, with_rest(folds, (*training).measurements), threads);
+  const ConfigurationSums sums(*training, folds_with_rest(folds, (*training).measurements), threads);
   const double settled = std::max(kSettledOfNoise * noise, kExactSum);
   std::vector<std::vector<double>> distances(folds.size());
   std::vector<int> moving(folds.size(), 1);

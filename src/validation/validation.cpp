@@ -224,8 +224,8 @@ std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measuremen
   return result;
 }
 
-std::vector<std::vector<Eigen::Index>> with_rest(std::vector<std::vector<Eigen::Index>> folds,
-                                                 const Measurements& measurements) {
+std::vector<std::vector<Eigen::Index>> folds_with_rest(std::vector<std::vector<Eigen::Index>> folds,
+                                                       const Measurements& measurements) {
   std::vector<bool> is_in_none = trained_configurations(measurements);
   for (const std::vector<Eigen::Index>& fold : folds) {
     for (const Eigen::Index c : fold) {

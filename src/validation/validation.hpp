@@ -53,8 +53,8 @@ struct HoldOut {
 std::vector<std::vector<Eigen::Index>> make_folds(const Measurements& measurements, int folds, std::uint64_t seed = 1);
 
 /// The folds and, as a last one, the training configurations that are in none of them, if there are any.
-std::vector<std::vector<Eigen::Index>> with_rest(std::vector<std::vector<Eigen::Index>> folds,
-                                                 const Measurements& measurements);
+std::vector<std::vector<Eigen::Index>> folds_with_rest(std::vector<std::vector<Eigen::Index>> folds,
+                                                       const Measurements& measurements);
 
 /// Whether, without any one fold, the training rows have at least as many equations as there are unknowns, and each
 /// station determines its base as before.

@@ -21,7 +21,7 @@ using Eigen::VectorXd;
 // An arm and a tracker that was moved twice.
 struct MovedTracker : testing::VirtualExperiment {
   explicit MovedTracker(std::uint64_t seed, int count = 30) : VirtualExperiment({.random = Random(seed)}) {
-    robot = at_stations(robot, 3, random);
+    robot = robot_at_stations(robot, 3, random);
     model = robot.model;
     q = configurations(count);
   }

@@ -220,7 +220,7 @@ void expect_another_unit_of_all_lengths_is_named(const CalibrationOptions& optio
 void expect_no_other_unit_where_few_rows_leave_little(const CalibrationOptions& options, std::uint64_t seeds) {
   for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
     testing::VirtualExperiment experiment({.random = Random(seed)});
-    experiment.robot = at_stations(experiment.robot, 8, experiment.random);
+    experiment.robot = robot_at_stations(experiment.robot, 8, experiment.random);
     const Measurements rows =
         along(testing::without_sigmas(experiment.measure(14, {.sigma = kNoise})), Vector3d(1.0, 1.0, 0.0).asDiagonal());
     const std::vector<Doubt> doubts = calibrate(bundled_robot(), rows, options).doubts();
@@ -240,7 +240,7 @@ TEST(AnotherUnitLongRun, IsNotNamedWhereFewRowsLeaveLittle) { expect_no_other_un
 
 TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToHaveOne) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(2)});
-  experiment.robot = at_stations(experiment.robot, 3, experiment.random);
+  experiment.robot = robot_at_stations(experiment.robot, 3, experiment.random);
   Measurements measurements = experiment.measure(80, {.sigma = kNoise});
   for (Observation& observation : measurements.observations) {
     testing::keep_distance(observation, Vector3d::Zero(), 0.01);
@@ -254,7 +254,7 @@ TEST(DistancesFromAnchors, WithAConstantErrorAreSaidToHaveOne) {
 // Three directions of each base are open, so that 21 + 4 x 3 unknowns are left for 40 coordinates.
 TEST(SingleCoordinates, AreEnoughWhereThoseThatAreShownAreFewer) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(6)});
-  experiment.robot = at_stations(experiment.robot, 4, experiment.random);
+  experiment.robot = robot_at_stations(experiment.robot, 4, experiment.random);
   const Measurements heights = along(testing::without_sigmas(experiment.measure(40)), kHeight);
   const Calibration found = calibrate(bundled_robot(), heights, geometry_alone());
   EXPECT_TRUE(found.trusted());

@@ -155,7 +155,7 @@ TEST(Stations, OfOneConfigurationAreNotLeftOut) {
 // Eleven points are 33 coordinates, as many as the unknowns.
 TEST(Stations, WithoutASurplusOfCoordinatesAreDoubted) {
   testing::VirtualExperiment experiment({.targets = testing::targets_at({{0.05, 0.2, 0.1}}), .random = Random(3)});
-  experiment.robot = at_stations(experiment.robot, 2, experiment.random);
+  experiment.robot = robot_at_stations(experiment.robot, 2, experiment.random);
   const Calibration found =
       calibrate(bundled_robot(), testing::without_sigmas(experiment.measure(11, {.sigma = 3e-5})), geometry_alone());
   EXPECT_THAT(found.doubts(), Contains(Field(&Doubt::message, HasSubstr("as many unknowns as measured"))));

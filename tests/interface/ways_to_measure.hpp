@@ -45,7 +45,7 @@ struct Tracker : VirtualExperiment {
   }
 
   int stations;
-  void move() { robot = at_stations(robot, stations, random); }
+  void move() { robot = robot_at_stations(robot, stations, random); }
   Measurements measured(int count, double noise = 0.0) { return without_sigmas(measure(count, {.sigma = noise})); }
 };
 
@@ -90,7 +90,7 @@ struct Lengths : VirtualExperiment {
 struct Heights : VirtualExperiment {
   explicit Heights(std::uint64_t seed = 1) : VirtualExperiment({.random = Random(seed)}) { move(); }
 
-  void move() { robot = at_stations(robot, 4, random); }
+  void move() { robot = robot_at_stations(robot, 4, random); }
   Measurements measured(int count, double noise = 0.0) {
     return along(without_sigmas(measure(count, {.sigma = noise})), kHeight);
   }

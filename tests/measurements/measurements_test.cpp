@@ -921,7 +921,7 @@ TEST(TrainingRows, AreTheMeasurementsThemselvesWhereThereIsNothingElse) {
   EXPECT_EQ(&*training, &all);
   EXPECT_FALSE(training.has_others());
   EXPECT_THAT(training.values_of({1, 2}), ElementsAre(1, 2));
-  EXPECT_THAT(training.among_all({1, 2}, 7.0), ElementsAre(1, 2));
+  EXPECT_THAT(training.values_among_all({1, 2}, 7.0), ElementsAre(1, 2));
 }
 
 TEST(TrainingRows, OfWhatDoesNotHoldTogetherAreRefusedBeforeAnyIsTaken) {
@@ -955,11 +955,11 @@ TEST(TrainingRows, KeepTheNumbersOfConfigurationsAndTargets) {
   EXPECT_THAT(order_of(rows), ElementsAre(10, 6, 5));
   EXPECT_TRUE(std::all_of(rows.observations.begin(), rows.observations.end(), has_orientation));
   EXPECT_THAT(training.values_of({1, 2, 3, 4, 5, 6}), ElementsAre(1, 5, 6));
-  EXPECT_THAT(training.among_all({1, 5, 6}, 0.0), ElementsAre(1, 0, 0, 0, 5, 6));
+  EXPECT_THAT(training.values_among_all({1, 5, 6}, 0.0), ElementsAre(1, 0, 0, 0, 5, 6));
   EXPECT_TRUE(training.values_of({}).empty());
-  EXPECT_TRUE(training.among_all({}, 0.0).empty());
+  EXPECT_TRUE(training.values_among_all({}, 0.0).empty());
   EXPECT_REFUSED("1 values of rows", training.values_of({1.0}));
-  EXPECT_REFUSED("2 values of training rows, expected 3", training.among_all({1.0, 2.0}, 0.0));
+  EXPECT_REFUSED("2 values of training rows, expected 3", training.values_among_all({1.0, 2.0}, 0.0));
 }
 
 TEST(JointConventions, RandomDamageGivesAResultOrAnInputError) {

@@ -97,7 +97,7 @@ TEST(CandidatePool, TracesAreThoseOfTheRows) {
 std::vector<MatrixXd> dense_rows(const PointRows& rows, const MatrixXd& q) {
   std::vector<MatrixXd> result;
   for (Index c = 0; c < q.cols(); ++c) {
-    for (const PointBlock& target : rows.by_target()) {
+    for (const PointBlock& target : rows.target_blocks()) {
       result.push_back(rows.rows(target, q.col(c)));
     }
   }

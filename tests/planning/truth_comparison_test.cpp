@@ -148,7 +148,7 @@ TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
   // An estimate that knows them differs in nothing.
   Estimate knowing = estimate;
   knowing.effects = bent.truth.effects;
-  const ArmAndTruth same = as_one_model(bent.model, knowing, bent);
+  const ArmAndTruth same = arm_and_truth(bent.model, knowing, bent);
   EXPECT_EQ(same.model.effects.size(), 2 * bent.model.effects.size());
   const auto found = compare_with_truth(same.model, same.estimate, same.truth, configurations(200));
   EXPECT_TRUE(found.comparable()) << found.gauge_misfit;
@@ -156,7 +156,7 @@ TEST_F(TruthComparison, EffectsOfBothArePartOfThePredictions) {
   EXPECT_LT(found.largest_length, 1e-10);
 
   // One without them misses what they do, by KDL, and its geometry is the same as before.
-  const ArmAndTruth rigid = as_one_model(model, estimate, bent);
+  const ArmAndTruth rigid = arm_and_truth(model, estimate, bent);
   const auto missing = compare_with_truth(rigid.model, rigid.estimate, rigid.truth, q);
   EXPECT_TRUE(missing.comparable()) << missing.gauge_misfit;
   EXPECT_LT(missing.largest_length, 1e-10);
@@ -179,10 +179,10 @@ TEST_F(TruthComparison, ArmsUnderGravityOfAnotherDirectionAreNotOneModel) {
   add_effects(bent, {EffectGroup::gravity}, {.joint_values = configurations(60)}, 3e-4, experiment.random);
   ErrorModel on_a_wall = model;
   on_a_wall.gravity = {1.0, 0.0, 0.0};
-  EXPECT_EQ(as_one_model(on_a_wall, estimate, bent).model.gravity, model.gravity) << "it has no effects of its own";
+  EXPECT_EQ(arm_and_truth(on_a_wall, estimate, bent).model.gravity, model.gravity) << "it has no effects of its own";
   on_a_wall.effects = effect_terms(on_a_wall, EffectGroup::gravity, configurations(60));
   estimate.effects = VectorXd::Zero(static_cast<Eigen::Index>(on_a_wall.effects.size()));
-  EXPECT_THROW(as_one_model(on_a_wall, estimate, bent), InputError);
+  EXPECT_THROW(arm_and_truth(on_a_wall, estimate, bent), InputError);
 }
 
 TEST_F(TruthComparison, TargetsAreMatchedByName) {
