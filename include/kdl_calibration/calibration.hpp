@@ -14,6 +14,7 @@
 
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/version.hpp"
 

@@ -8,6 +8,7 @@
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/compensation.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"

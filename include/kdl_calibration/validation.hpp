@@ -15,6 +15,7 @@
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/calibration_options.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "kdl_calibration/version.hpp"

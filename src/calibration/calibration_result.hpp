@@ -16,6 +16,7 @@
 #include "estimation/unknowns.hpp"
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"

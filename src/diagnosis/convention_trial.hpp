@@ -8,7 +8,7 @@
 #include "estimation/identification.hpp"
 #include "estimation/registration.hpp"
 #include "estimation/unknowns.hpp"
-#include "kdl_calibration/accuracy.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 

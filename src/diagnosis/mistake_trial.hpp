@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "diagnosis/explanations.hpp"
-#include "kdl_calibration/accuracy.hpp"
+#include "kdl_calibration/doubt.hpp"
 
 namespace kdl_calibration {
 
