@@ -52,6 +52,9 @@ public:
   /// Why it is not to be trusted; if it is trusted where it was measured, what is not known elsewhere.
   const std::vector<Doubt>& doubts() const;
   const std::vector<std::string>& warnings() const;
+  /// The warnings with their causes, in the same order. Empty if the calibration was read from a file that states no
+  /// causes, such as one of version 0.1.
+  const std::vector<Remark>& remarks() const;
 
   /// Of the full model. `rigid` says what the exported URDF alone does.
   const Accuracy& accuracy() const;

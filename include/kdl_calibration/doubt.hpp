@@ -90,7 +90,15 @@ const char* to_string(Cause cause);
 /// Empty where no cause has this name.
 std::optional<Cause> cause_named(std::string_view name);
 
-enum class SubjectKind { configuration, target, station, joint, parameter, effect };
+enum class SubjectKind {
+  configuration,
+  target,
+  station,
+  joint,
+  parameter,
+  effect,
+  coordinate  ///< "x", "y" or "z" of the measured points
+};
 
 /// The name of the enumerator, as in the result file.
 const char* to_string(SubjectKind kind);

@@ -384,8 +384,8 @@ struct Calibrated {
   CalibrationResult result;
   std::vector<QualityFinding> findings;
   GrossRows gross_rows;
-  std::string ambiguity;              // of the registration
-  std::vector<std::string> warnings;  // of the validation
+  std::string ambiguity;        // of the registration
+  std::vector<Remark> remarks;  // of the validation
 };
 
 enum class GrossRowSearch { yes, no };
@@ -445,7 +445,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   if (options.diagnosis.convention) {
     result.offsets_alone = fitted_offsets_alone(rigid, rigid_fit.free);
   }
-  return {std::move(result), std::move(findings), std::move(gross), robot.ambiguity, std::move(validated.warnings)};
+  return {std::move(result), std::move(findings), std::move(gross), robot.ambiguity, std::move(validated.remarks)};
 }
 
 // Gross rows with the figures of a calibration without them. Those of the search are of its own models and priors.
@@ -493,7 +493,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, *fitted, options);
   result.diagnosis = diagnose(
       result, *fitted, std::move(found.findings), std::move(gross),
-      {options.diagnosis, options.parameters, found.ambiguity, found.warnings, options.threads, options.progress});
+      {options.diagnosis, options.parameters, found.ambiguity, found.remarks, options.threads, options.progress});
   if (result.exported.nominal_kept) {  // doubts are of what was fitted
     result.accuracy = with_nominal_exported(result.accuracy);
   }

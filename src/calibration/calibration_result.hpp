@@ -177,7 +177,7 @@ struct Diagnosis {
   GrossRows gross_rows;                  ///< if left out, the other rows fit more than three times better
   std::vector<AlternativeReading> alternative_readings;  ///< readings that would explain the measurements much better
   std::vector<DetectableMistake> detectable;             ///< the smallest mistakes that would have shown
-  std::vector<std::string> warnings;
+  std::vector<Remark> remarks;                           ///< whose messages are the warnings
   std::vector<Doubt> doubts;
   /// Set instead of the only doubt if that doubt is "not_determined" for named geometric errors, every prediction in
   /// the measured region is determined, and the held-out error is at most half of the nominal robot's. The result is

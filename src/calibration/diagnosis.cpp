@@ -84,7 +84,7 @@ std::vector<QualityFinding> remaining_findings(const std::vector<AlternativeRead
 }
 
 // An unknown base, or target, takes up nearly all that its only configuration shows.
-std::vector<std::string> lonely_names(const Measurements& measurements, const ParameterOptions& parameters) {
+std::vector<Remark> lonely_names(const Measurements& measurements, const ParameterOptions& parameters) {
   std::vector<std::set<std::int32_t>> of_station(measurements.stations.size());
   std::vector<std::set<std::int32_t>> of_target(measurements.targets.size());
   for (const Observation& observation : measurements.observations) {
@@ -93,49 +93,68 @@ std::vector<std::string> lonely_names(const Measurements& measurements, const Pa
       of_station[station_of(observation)].insert(observation.configuration);
     }
   }
-  std::vector<std::string> result;
-  const auto say = [&](const std::string& kind, const std::string& name, const std::set<std::int32_t>& configurations) {
+  std::vector<Remark> result;
+  const auto say = [&](SubjectKind kind, const std::string& name, const std::set<std::int32_t>& configurations) {
     if (configurations.size() == 1) {
-      result.push_back(fmt::format(
-          "{} {} has configuration {} alone, which says hardly anything of the arm: is the name mistyped?", kind,
-          shown(name), measurements.configurations[static_cast<std::size_t>(*configurations.begin())]));
+      const std::string& only = measurements.configurations[static_cast<std::size_t>(*configurations.begin())];
+      result.push_back(
+          {.cause = Cause::lonely_name,
+           .subjects = {{kind, name}, {SubjectKind::configuration, only}},
+           .message = fmt::format(
+               "{} {} has configuration {} alone, which says hardly anything of the arm: is the name mistyped?",
+               to_string(kind), shown(name), only)});
     }
   };
   for (std::size_t station = 0; station < of_station.size(); ++station) {
     if (const std::string& name = measurements.stations[station]; find_base(parameters.known.bases, name) == nullptr) {
-      say("station", name, of_station[station]);
+      say(SubjectKind::station, name, of_station[station]);
     }
   }
   for (std::size_t target = 0; target < of_target.size(); ++target) {
     const std::string& name = measurements.targets[target];
     if (find_target(parameters.known.targets, name) == nullptr) {
-      say("target", name, of_target[target]);
+      say(SubjectKind::target, name, of_target[target]);
     }
   }
   return result;
 }
 
-// Warnings of the earlier stages.
-std::vector<std::string> earlier_warnings(const ModelSelection& selection, const Measurements& measurements,
-                                          const DiagnosisTask& task) {
-  std::vector<std::string> result = lonely_names(measurements, task.parameters);
+// None if all rows are whole points.
+std::vector<Remark> said_of_single_coordinates(const Measurements& measurements) {
+  const std::size_t rows = rows_of_single_coordinates(measurements);
+  if (rows == 0) {
+    return {};
+  }
+  const Observation& row =
+      *std::find_if_not(measurements.observations.begin(), measurements.observations.end(), is_whole);
+  const std::string& configuration = measurements.configurations[static_cast<std::size_t>(row.configuration)];
+  const std::string& target = measurements.targets[static_cast<std::size_t>(row.target)];
+  return {{.cause = Cause::single_coordinates,
+           .subjects = {{SubjectKind::configuration, configuration}, {SubjectKind::target, target}},
+           .figures = {{"count", static_cast<double>(rows)},
+                       {"out_of", static_cast<double>(measurements.observations.size())}},
+           .message = fmt::format(
+               "{} of {} rows are single coordinates or distances, first {}:{}: their errors are lengths along the "
+               "measured directions, less than those of whole points, and some checks are not tried",
+               rows, measurements.observations.size(), configuration, target)}};
+}
+
+// Remarks of the earlier stages.
+std::vector<Remark> earlier_remarks(const ModelSelection& selection, const Measurements& measurements,
+                                    const DiagnosisTask& task) {
+  std::vector<Remark> result = lonely_names(measurements, task.parameters);
   if (const std::size_t points = selection.not_compared; points > 0) {
-    result.push_back(fmt::format("models were compared without {}{} no other fold of the cross-validation has", points,
-                                 points == 1 ? " point, whose target" : " points, whose targets"));
+    result.push_back(
+        {.cause = Cause::points_not_compared,
+         .figures = {{"count", static_cast<double>(points)}},
+         .message = fmt::format("models were compared without {}{} no other fold of the cross-validation has", points,
+                                points == 1 ? " point, whose target" : " points, whose targets")});
   }
-  result.insert(result.end(), task.warnings.begin(), task.warnings.end());
-  if (const std::size_t rows = rows_of_single_coordinates(measurements); rows > 0) {
-    const Observation& row =
-        *std::find_if_not(measurements.observations.begin(), measurements.observations.end(), is_whole);
-    result.push_back(fmt::format(
-        "{} of {} rows are single coordinates or distances, first {}:{}: their errors are lengths along the measured "
-        "directions, less than those of whole points, and some checks are not tried",
-        rows, measurements.observations.size(),
-        measurements.configurations[static_cast<std::size_t>(row.configuration)],
-        measurements.targets[static_cast<std::size_t>(row.target)]));
-  }
+  result.insert(result.end(), task.remarks.begin(), task.remarks.end());
+  const std::vector<Remark> single = said_of_single_coordinates(measurements);
+  result.insert(result.end(), single.begin(), single.end());
   if (!measurements.remark.empty()) {
-    result.push_back("measurements: " + measurements.remark);
+    result.push_back({.cause = Cause::file_interpreted, .message = "measurements: " + measurements.remark});
   }
   return result;
 }
@@ -156,9 +175,9 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
     result.reservation = std::move(result.doubts.front());
     result.doubts.clear();
   }
-  result.warnings = earlier_warnings(found.selection, measurements, task);
-  const std::vector<std::string> more = warnings(found, result, measurements, task.ambiguity);
-  result.warnings.insert(result.warnings.end(), more.begin(), more.end());
+  result.remarks = earlier_remarks(found.selection, measurements, task);
+  const std::vector<Remark> more = remarks(found, result, measurements, task.ambiguity);
+  result.remarks.insert(result.remarks.end(), more.begin(), more.end());
   return result;
 }
 

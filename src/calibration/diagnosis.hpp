@@ -12,13 +12,13 @@ namespace kdl_calibration {
 struct DiagnosisTask {
   const DiagnosisOptions& options;
   const ParameterOptions& parameters;
-  const std::string& ambiguity;              ///< of the registration
-  const std::vector<std::string>& warnings;  ///< of the validation
+  const std::string& ambiguity;        ///< of the registration
+  const std::vector<Remark>& remarks;  ///< of the validation
   int threads = 0;
   ProgressFunction progress = {};
 };
 
-/// Other readings of the data, doubts and warnings, from `found` (without diagnosis), the findings of the screening and
+/// Other readings of the data, doubts and remarks, from `found` (without diagnosis), the findings of the screening and
 /// the gross rows.
 Diagnosis diagnose(const CalibrationResult& found, const Measurements& measurements,
                    std::vector<QualityFinding> findings, GrossRows gross_rows, const DiagnosisTask& task);

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <iterator>
 #include <numbers>
+#include <utility>
 
 #include "base/distributions.hpp"
 #include "base/text.hpp"
@@ -23,6 +24,17 @@
 
 namespace kdl_calibration {
 namespace {
+
+std::vector<Subject> parameters(const std::vector<std::string>& names) {
+  return subjects_named(SubjectKind::parameter, names);
+}
+
+std::vector<Subject> joints(const std::vector<std::string>& names) { return subjects_named(SubjectKind::joint, names); }
+
+std::vector<Subject> both(std::vector<Subject> first, const std::vector<Subject>& second) {
+  first.insert(first.end(), second.begin(), second.end());
+  return first;
+}
 
 std::string in_millimetres(double metres) { return fmt::format("{:.4g} mm", metres * 1e3); }
 
@@ -45,6 +57,7 @@ const std::string kWrongInput =
 constexpr double kSmallest = 1e-6;  // [m] smaller errors are not worth a doubt, for an arm of up to ten metres
 
 using Doubts = std::vector<Doubt>;
+using Remarks = std::vector<Remark>;
 
 Doubts of_convergence(const CalibrationResult& found) {
   const Identification& fit = found.fit.identification;
@@ -67,7 +80,9 @@ Doubts of_convergence(const CalibrationResult& found) {
       message = "the fit did not converge: it diverged to errors beyond any robot's; " + kWrongInput;
       break;
   }
-  return {{.cause = Cause::not_converged, .message = message}};
+  return {{.cause = Cause::not_converged,
+           .figures = {{"misfit", found.accuracy.train.after.rms}, {"iterations", static_cast<double>(fit.iterations)}},
+           .message = message}};
 }
 
 // Joints that do not move in the fitted rows.
@@ -111,6 +126,7 @@ bool has_no_length(const Measurements& measurements) {
 Doubts of_determination(const CalibrationResult& found, const Measurements& measurements, ModelChoice model) {
   if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < 1.0) {
     return {{.cause = Cause::not_determined,
+             .figures = {{"degrees_of_freedom", found.noise.degrees_of_freedom}},
              .message =
                  "there are as many unknowns as measured coordinates, so that nothing shows how good the fit is; "
                  "measure more configurations"}};
@@ -129,11 +145,13 @@ Doubts of_determination(const CalibrationResult& found, const Measurements& meas
     message += ": " + comma_separated(still) + (still.size() == 1 ? " never moves" : " never move");
   } else if (found.model.has_undetermined_bases && has_no_length(measurements)) {
     return {{.cause = Cause::not_determined,
+             .subjects = parameters(missing),
              .message = message +
                         ": each station has a single point, which an arm of any size reaches; measure a second "
                         "socket at a known distance as well, in more configurations"}};
   }
   return {{.cause = Cause::not_determined,
+           .subjects = both(parameters(missing), joints(still)),
            .message = message + "; predictions hold where it was measured, single parameters do not; measure more "
                                 "configurations, in which every joint turns and the tool points elsewhere"}};
 }
@@ -151,28 +169,34 @@ Doubts of_predictions(const CalibrationResult& found) {
   };
   if (found.accuracy.test && found.accuracy.test->after.rms > found.accuracy.test->before.rms &&
       !(found.accuracy.test->after.rms < kSmallest)) {
-    doubts.push_back({.cause = Cause::worse_than_nominal,
-                      .message = worse(*found.accuracy.test, "at the test rows") +
-                                 "; check that they were measured under the same conditions and in the same region"});
+    doubts.push_back(
+        {.cause = Cause::worse_than_nominal,
+         .figures = {{"test_rms", found.accuracy.test->after.rms}, {"nominal", found.accuracy.test->before.rms}},
+         .message = worse(*found.accuracy.test, "at the test rows") +
+                    "; check that they were measured under the same conditions and in the same region"});
   }
   const ErrorStatistics& uncertain = found.uncertainty.predicted.measured;
   const double nominal = found.accuracy.train.before.rms;
   if (found.accuracy.held_out() == nullptr && !found.accuracy.test && uncertain.count > 0 && uncertain.rms > nominal) {
     doubts.push_back({.cause = Cause::worse_than_nominal,
+                      .figures = {{"uncertainty", uncertain.rms}, {"nominal", nominal}},
                       .message = fmt::format("the calibrated robot is uncertain by {} (1 sigma) at the measured "
                                              "configurations, more than the {} by which the nominal one is off, and no "
                                              "test or left-out configuration says otherwise; measure more",
                                              in_millimetres(uncertain.rms), in_millimetres(nominal))});
   }
   if (is_no_better_than_nominal(found.accuracy) && !is_exact_as_read(found)) {
+    const BeforeAfter& held_out = *found.accuracy.held_out();
+    const std::vector<NamedFigure> figures = {{"held_out_rms", held_out.after.rms}, {"nominal", held_out.before.rms}};
     doubts.push_back(
         {.cause = Cause::worse_than_nominal,
-         .message = worse(*found.accuracy.held_out(),
-                          "at configurations that were not fitted (" + held_out_name(found) + ")") +
+         .figures = figures,
+         .message = worse(held_out, "at configurations that were not fitted (" + held_out_name(found) + ")") +
                     "; the errors may be too small for these measurements, the measurements too few, or some "
                     "input wrong: " +
                     kWrongInput});
     doubts.push_back({.cause = Cause::nominal_kept,
+                      .figures = figures,
                       .message = "the calibration does not help: the nominal robot is kept, and the URDF to write is "
                                  "the one that was read"});
   }
@@ -207,6 +231,7 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
   const double misfit = misfit_of(found, measurements);
   if (length > 0.0 && misfit > std::min(kMostOfReach * length, rigid)) {
     doubts.push_back({.cause = Cause::large_misfit,
+                      .figures = {{"misfit", misfit}, {"reach", length}},
                       .message = fmt::format("a misfit of {} is left, and an arm with a reach of {:.4g} m that is "
                                              "rigid and was measured well keeps at most 5 mm and 1 % of its reach; {}",
                                              in_millimetres(misfit), length, kWrongInput)});
@@ -219,6 +244,7 @@ Doubts of_size(const CalibrationResult& found, const Measurements& measurements)
   }
   if (!unknown.empty()) {
     doubts.push_back({.cause = Cause::unknown_length,
+                      .subjects = parameters(unknown),
                       .message = "the uncertainty exceeds the link itself for " + some_of(unknown) +
                                  "; measure more configurations, or hold what is known"});
   }
@@ -244,6 +270,7 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
     if (excess > kMostExcess) {
       doubts.push_back(
           {.cause = Cause::large_misfit,
+           .figures = {{"noise_ratio", excess}, {"uncertainty", open}},
            .message = fmt::format(
                "the coordinates or distances are off by {:.4g} times their stated noise, and the whole points "
                "are uncertain by {} (1 sigma) even at the measured configurations; check the places of anchors or "
@@ -252,6 +279,7 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
       return doubts;
     }
     doubts.push_back({.cause = Cause::not_determined,
+                      .figures = {{"uncertainty", open}},
                       .message = fmt::format(
                           "the coordinates or distances agree with the fit, but the whole points are uncertain by {} "
                           "(1 sigma) even at the measured configurations; measure along other directions, or from more "
@@ -283,6 +311,8 @@ Doubts of_errors(const CalibrationResult& found) {
       const std::string amount =
           length ? in_millimetres(size) : fmt::format("{:.4g} degrees", size * 180.0 / std::numbers::pi);
       return {{.cause = Cause::large_error,
+               .subjects = both(parameters({parameter.name}), joints({parameter.joint})),
+               .figures = {{"error", parameter.error}, {"std", parameter.std}},
                .message = "an error of " + amount + " in " + parameter.name + " (" + parameter.joint +
                           ") is beyond what builders and mastering leave; check " +
                           (offset ? "the mastering of that joint and the joint values"
@@ -306,6 +336,11 @@ Doubts of_tests(const CalibrationResult& found) {
     return {};
   }
   return {{.cause = Cause::test_rows_differ,
+           .figures = {{"test_rms", found.accuracy.test->after.rms},
+                       {"held_out_rms", held_out->after.rms},
+                       {"count", static_cast<double>(tested.outside)},
+                       {"out_of", static_cast<double>(tested.configurations)},
+                       {"p_value", tested.p_value}},
            .message = fmt::format("the test rows contradict the result: they are missed by {}, configurations left "
                                   "out of the fit by {}, and {} of {} are off by more than the radius that holds for "
                                   "95 %; check that all were measured in the same way, with the same payload and "
@@ -322,7 +357,14 @@ Doubts of_rows(const CalibrationResult& found, const GrossRows& gross) {
   }
   std::vector<std::string> names;
   std::vector<std::string> words;
+  std::vector<Subject> subjects;
+  double largest = 0.0;
   for (const GrossRow& row : rows) {
+    subjects.push_back({SubjectKind::configuration, row.configuration});
+    if (!row.target.empty()) {
+      subjects.push_back({SubjectKind::target, row.target});
+    }
+    largest = std::max(largest, row.distance);
     names.push_back(row.configuration + (row.target.empty() ? "" : ":" + row.target));
     words.push_back("configuration " + row.configuration + (row.target.empty() ? "" : ", target " + row.target) +
                     " by " + in_millimetres(row.distance));
@@ -332,6 +374,10 @@ Doubts of_rows(const CalibrationResult& found, const GrossRows& gross) {
     list += (list.empty() ? "" : ",") + name;
   }
   return {{.cause = Cause::gross_rows,
+           .subjects = std::move(subjects),
+           .figures = {{"distance", largest},
+                       {"misfit", found.accuracy.train.after.rms},
+                       {"misfit_without", gross.rms_without}},
            .message = "not where all others put " + std::string(rows.size() == 1 ? "it" : "them") + ": " +
                       some_of(words) + "; without that the misfit is " + in_millimetres(gross.rms_without) +
                       ", with it " + in_millimetres(found.accuracy.train.after.rms) +
@@ -342,7 +388,7 @@ Doubts of_readings(const std::vector<AlternativeReading>& readings) {
   Doubts doubts;
   for (const AlternativeReading& reading : readings) {
     if (reading.doubt) {
-      doubts.push_back({.cause = reading.cause, .message = reading.message});
+      doubts.push_back(reading.as_doubt());
     }
   }
   return doubts;
@@ -361,21 +407,43 @@ bool has_harmful_effects(const CalibrationResult& found) {
          held_out->after.rms > kWorse * held_out->rigid->rms;
 }
 
-std::string said_of_harmful_effects(const BeforeAfter& held_out) {
-  return "the effects make predictions worse: configurations left out of the fit are missed by " +
-         in_millimetres(held_out.after.rms) + " with the effects and by " + in_millimetres(held_out.rigid->rms) +
-         " by the geometry alone; leave the effects out, or let --effects auto choose those that help";
+std::vector<std::string> names_of(const std::vector<EffectTerm>& terms) {
+  std::vector<std::string> names;
+  std::transform(terms.begin(), terms.end(), std::back_inserter(names),
+                 [](const EffectTerm& term) { return term.name; });
+  return names;
 }
 
-// Empty if the zero of the distances is not significant, or there are none.
-std::string said_of_zero(const CalibrationResult& found) {
+Remark said_of_harmful_effects(const CalibrationResult& found) {
+  const BeforeAfter& held_out = *found.accuracy.held_out();
+  return {.cause = Cause::harmful_effects,
+          .subjects = subjects_named(SubjectKind::effect, names_of(found.model.effects)),
+          .figures = {{"held_out_rms", held_out.after.rms}, {"geometry_alone", held_out.rigid->rms}},
+          .message = "the effects make predictions worse: configurations left out of the fit are missed by " +
+                     in_millimetres(held_out.after.rms) + " with the effects and by " +
+                     in_millimetres(held_out.rigid->rms) +
+                     " by the geometry alone; leave the effects out, or let --effects auto choose those that help"};
+}
+
+// None if the zero of the distances is not significant, or there are none.
+Remarks said_of_zero(const CalibrationResult& found) {
   if (!found.distance_zero || found.distance_zero->length == 0.0) {
     return {};
   }
-  return fmt::format(
-      "all distances are {} too {} (1 sigma {}), the zero of their instrument: they were corrected by it",
-      in_millimetres(std::abs(found.distance_zero->length)), found.distance_zero->length > 0.0 ? "long" : "short",
-      in_millimetres(found.distance_zero->sigma));
+  const DistanceZero& zero = *found.distance_zero;
+  return {
+      {.cause = Cause::distances_corrected,
+       .figures = {{"estimate", zero.length}, {"estimate_sigma", zero.sigma}},
+       .message = fmt::format(
+           "all distances are {} too {} (1 sigma {}), the zero of their instrument: they were corrected by it",
+           in_millimetres(std::abs(zero.length)), zero.length > 0.0 ? "long" : "short", in_millimetres(zero.sigma))}};
+}
+
+std::vector<std::string> changed_parameters(const EarlierComparison& comparison) {
+  std::vector<std::string> names;
+  std::transform(comparison.changes.begin(), comparison.changes.end(), std::back_inserter(names),
+                 [](const auto& change) { return change.first; });
+  return names;
 }
 
 Doubts of_earlier_result(const CalibrationResult& found) {
@@ -385,6 +453,11 @@ Doubts of_earlier_result(const CalibrationResult& found) {
   }
   const EarlierComparison& comparison = continued->comparison;
   return {{.cause = Cause::another_robot,
+           .subjects = parameters(changed_parameters(comparison)),
+           .figures = {{"p_value", comparison.p_value},
+                       {"count", static_cast<double>(comparison.changes.size())},
+                       {"out_of", static_cast<double>(comparison.changeable)},
+                       {"noise_ratio", comparison.noise_ratio}},
            .message = fmt::format("the measurements contradict the earlier result (p = {:.1e}): {} of {} geometric "
                                   "errors would have changed, and {:.3g} times its noise remains; a crash changes few: "
                                   "is this another robot of the type? Calibrate it without the earlier result",
@@ -392,34 +465,40 @@ Doubts of_earlier_result(const CalibrationResult& found) {
                                   comparison.noise_ratio)}};
 }
 
-// Empty if the measurements agree with the earlier result, or if there is none.
-std::string said_of_change(const CalibrationResult& found) {
+// None if the measurements agree with the earlier result, or if there is none.
+Remarks said_of_change(const CalibrationResult& found) {
   const auto& continued = found.selection.continued;
   if (!continued || !continued->comparison.has_changed() || continued->comparison.contradicts()) {
     return {};
   }
-  return fmt::format("the robot has changed since the earlier result (p = {:.1e}); estimated anew: {}",
-                     continued->comparison.p_value, some_of(in_words(found.model, continued->comparison)));
+  const EarlierComparison& comparison = continued->comparison;
+  return {{.cause = Cause::robot_changed,
+           .subjects = parameters(changed_parameters(comparison)),
+           .figures = {{"p_value", comparison.p_value}},
+           .message = fmt::format("the robot has changed since the earlier result (p = {:.1e}); estimated anew: {}",
+                                  comparison.p_value, some_of(in_words(found.model, comparison)))}};
 }
 
-// Empty if the exported URDF, which has no effects, predicts better than the nominal robot, or nothing does.
-std::string said_of_urdf(const CalibrationResult& found) {
+// None if the exported URDF, which has no effects, predicts better than the nominal robot, or nothing does.
+Remarks said_of_urdf(const CalibrationResult& found) {
   const Accuracy& accuracy = found.accuracy;
   for (const BeforeAfter* errors : {accuracy.held_out(), accuracy.test ? &*accuracy.test : nullptr}) {
     if (errors != nullptr && errors->after.rms < errors->before.rms && is_no_better_without_effects(*errors)) {
-      return fmt::format(
-          "without the effects, which no URDF holds, the geometry is no better than the nominal robot ({} against {} "
-          "{}){}; correct the commands instead (kdlcal compensate)",
-          in_millimetres(errors->rigid->rms), in_millimetres(errors->before.rms),
-          errors == accuracy.held_out() ? "at left-out configurations" : "at the test rows",
-          found.exported.nominal_kept ? ": the URDF to write is the one that was read" : "");
+      return {{.cause = Cause::urdf_without_effects,
+               .figures = {{"geometry_alone", errors->rigid->rms}, {"nominal", errors->before.rms}},
+               .message = fmt::format(
+                   "without the effects, which no URDF holds, the geometry is no better than the nominal robot ({} "
+                   "against {} {}){}; correct the commands instead (kdlcal compensate)",
+                   in_millimetres(errors->rigid->rms), in_millimetres(errors->before.rms),
+                   errors == accuracy.held_out() ? "at left-out configurations" : "at the test rows",
+                   found.exported.nominal_kept ? ": the URDF to write is the one that was read" : "")}};
     }
   }
   return {};
 }
 
-// Empty unless the residuals of one station are much larger than those of another, and no row states its sigma.
-std::string said_of_stations(const CalibrationResult& found, const Measurements& measurements) {
+// None unless the residuals of one station are much larger than those of another, and no row states its sigma.
+Remarks said_of_stations(const CalibrationResult& found, const Measurements& measurements) {
   constexpr double kTimes = 3.0;
   constexpr double kByChance = 1e-4;
   if (measurements.stations.size() < 2) {
@@ -433,7 +512,7 @@ std::string said_of_stations(const CalibrationResult& found, const Measurements&
   };
   std::vector<Station> stations;
   for (const std::string& name : measurements.stations) {
-    stations.push_back({.name = shown(name)});
+    stations.push_back({.name = name});
   }
   const std::vector<double> distances =
       position_errors(found.model, found.fit.identification.estimate, measurements, Rows::all);
@@ -456,40 +535,152 @@ std::string said_of_stations(const CalibrationResult& found, const Measurements&
       f_upper_tail(ratio * ratio, freedom(*most), freedom(*least)) > kByChance) {
     return {};
   }
-  return fmt::format(
-      "the residuals of station {} are {:.3g} times as large as those of station {} ({} and {} per "
-      "coordinate), and all rows count alike; state the noise of each row in a column sigma[m]",
-      most->name, ratio, least->name, in_millimetres(most->sigma()), in_millimetres(least->sigma()));
+  return {{.cause = Cause::unlike_stations,
+           .subjects = subjects_named(SubjectKind::station, {most->name, least->name}),
+           .figures = {{"noise_ratio", ratio}, {"sigma", most->sigma()}, {"least_sigma", least->sigma()}},
+           .message = fmt::format(
+               "the residuals of station {} are {:.3g} times as large as those of station {} ({} and {} per "
+               "coordinate), and all rows count alike; state the noise of each row in a column sigma[m]",
+               shown(most->name), ratio, shown(least->name), in_millimetres(most->sigma()),
+               in_millimetres(least->sigma()))}};
 }
 
-// Messages about parameters that the measurements cannot tell apart, and how they are resolved.
-std::vector<std::string> said_of_gauge(const CalibrationResult& found) {
-  std::vector<std::string> result;
-  const bool open =
-      found.fit.identification.termination == Termination::rank_deficient || !found.uncertainty.fixed_by_gauge.empty();
+// About parameters that the measurements cannot tell apart, and how they are resolved.
+Remarks said_of_gauge(const CalibrationResult& found) {
+  Remarks result;
+  const auto add = [&](Cause cause, const std::vector<std::string>& names, const std::string& message) {
+    result.push_back({.cause = cause, .subjects = parameters(names), .message = message});
+  };
+  const std::vector<std::string>& fixed = found.uncertainty.fixed_by_gauge;
+  const bool open = found.fit.identification.termination == Termination::rank_deficient || !fixed.empty();
   for (const std::vector<std::string>& group : found.uncertainty.identifiability.tied) {
     if (!open || found.fit.minimum_norm) {  // resolved by priors, or named below
       break;
     }
-    result.push_back(group.size() == 1 ? "the measurements do not depend on " + group.front()
-                                       : "the measurements cannot tell apart: " + comma_separated(group));
+    add(Cause::not_told_apart, group,
+        group.size() == 1 ? "the measurements do not depend on " + group.front()
+                          : "the measurements cannot tell apart: " + comma_separated(group));
   }
   if (found.fit.minimum_norm) {
-    result.push_back("what the measurements cannot tell apart (" + some_of(found.uncertainty.fixed_by_gauge) +
-                     ") was set to the smallest errors that fit; predictions hold, single parameters do not");
+    add(Cause::smallest_errors, fixed,
+        "what the measurements cannot tell apart (" + some_of(fixed) +
+            ") was set to the smallest errors that fit; predictions hold, single parameters do not");
     return result;
   }
-  const std::vector<std::string> of_arm = without_stations(found.uncertainty.fixed_by_gauge);
-  std::vector<std::string> of_stations = found.uncertainty.fixed_by_gauge;
+  const std::vector<std::string> of_arm = without_stations(fixed);
+  std::vector<std::string> of_stations = fixed;
   std::erase_if(of_stations, [](const std::string& name) { return !is_of_station(name); });
   if (!of_stations.empty()) {
-    result.push_back("held as registered: " + some_of(of_stations) +
-                     " (the points of a station do not determine them; predictions of the arm do not depend on them)");
+    add(Cause::held_as_registered, of_stations,
+        "held as registered: " + some_of(of_stations) +
+            " (the points of a station do not determine them; predictions of the arm do not depend on them)");
   }
   if (!of_arm.empty()) {
-    result.push_back("fixed by gauge: " + comma_separated(of_arm) +
-                     " (errors at zero, frames as registered); predictions hold where it was measured, single "
-                     "parameters do not");
+    add(Cause::held_by_gauge, of_arm,
+        "fixed by gauge: " + comma_separated(of_arm) +
+            " (errors at zero, frames as registered); predictions hold where it was measured, single parameters do "
+            "not");
+  }
+  return result;
+}
+
+Remark said_of_rows(const QualityFinding& finding) {
+  std::vector<Subject> subjects = subjects_named(SubjectKind::target, finding.targets);
+  subjects.insert(subjects.begin(), {SubjectKind::configuration, finding.configuration});
+  if (finding.axis != ' ') {
+    subjects.push_back({SubjectKind::coordinate, std::string(1, finding.axis)});
+  }
+  return {.cause = Cause::wrong_rows,
+          .subjects = std::move(subjects),
+          .figures = {{"estimate", finding.amount}},
+          .message = "measurements: " + finding.message};
+}
+
+bool is_outside_limits(const MovingJoint& joint, double value) {
+  constexpr double kSlack = 1e-9;
+  return value < joint.lower.value_or(value) - kSlack || value > joint.upper.value_or(value) + kSlack;
+}
+
+Remarks said_of_limits(const CalibrationResult& found, const Measurements& measurements) {
+  const int outside = configurations_outside_limits(found.model, measurements);
+  if (outside == 0) {
+    return {};
+  }
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < found.model.joints.size(); ++i) {
+    const MovingJoint& joint = found.model.joints[i];
+    const auto values = measurements.joint_values.row(static_cast<Eigen::Index>(i));
+    if (std::any_of(values.begin(), values.end(), [&](double value) { return is_outside_limits(joint, value); })) {
+      names.push_back(joint.name);
+    }
+  }
+  const auto all = measurements.joint_values.cols();
+  return {{.cause = Cause::outside_joint_limits,
+           .subjects = joints(names),
+           .figures = {{"count", static_cast<double>(outside)}, {"out_of", static_cast<double>(all)}},
+           .message =
+               fmt::format("{} of {} configurations have joint values outside the limits of the URDF", outside, all)}};
+}
+
+// About the noise and the priors.
+Remarks said_of_noise(const CalibrationResult& found) {
+  constexpr double kFew = 10.0;
+  Remarks result;
+  if (found.noise.variance_factor > 1.0) {
+    const double ratio = std::sqrt(found.noise.variance_factor);
+    result.push_back({.cause = Cause::beyond_stated_noise,
+                      .figures = {{"noise_ratio", ratio}},
+                      .message = fmt::format("the residuals are {:.4g} times the stated noise; {}", ratio,
+                                             found.noise.parts ? "what is beyond it counts as misfit of the model"
+                                                               : "the uncertainties were scaled up by that")});
+  }
+  if (is_exact_as_read(found)) {
+    const double nominal = found.accuracy.held_out()->before.rms;
+    result.push_back({.cause = Cause::nominal_is_exact,
+                      .figures = {{"nominal", nominal}},
+                      .message = "the nominal robot is kept because it is exact: it predicts left-out configurations "
+                                 "to " +
+                                 in_millimetres(nominal) +
+                                 "; positions that were computed from it instead of measured look like this"});
+  }
+  if (const double freedom = found.noise.degrees_of_freedom;
+      found.noise.source != NoiseSource::stated && freedom < kFew) {
+    result.push_back({.cause = Cause::few_data,
+                      .figures = {{"degrees_of_freedom", freedom}},
+                      .message = fmt::format("few data: all uncertainties rest on {:.4g} degrees of freedom; measure "
+                                             "more configurations or state the noise",
+                                             freedom)});
+  }
+  if (const double excess = excess_over_priors(found); excess > 1.0) {
+    result.push_back({.cause = Cause::priors_too_narrow,
+                      .figures = {{"prior_ratio", excess}},
+                      .message = fmt::format("the estimated errors are {:.4g} times as large as the priors expect, so "
+                                             "the priors hold them too close to nominal; state larger priors, or none",
+                                             excess)});
+  }
+  return result;
+}
+
+// About the fit and its predictions.
+Remarks said_of_model(const CalibrationResult& found, const Diagnosis& diagnosis) {
+  Remarks result;
+  if (const auto& test = found.noise.lack_of_fit; test && test->p_value < kMisfitCertain) {
+    result.push_back({.cause = Cause::lack_of_fit,
+                      .figures = {{"p_value", test->p_value}},
+                      .message = "lack of fit: the residuals are larger than the scatter of the repeats explains"});
+  }
+  if (has_harmful_effects(found)) {
+    result.push_back(said_of_harmful_effects(found));
+  }
+  if (diagnosis.doubts.empty() && is_worse_elsewhere(found)) {
+    const double uncertainty = found.uncertainty.predicted.workspace.rms;
+    const double nominal = found.accuracy.train.before.rms;
+    result.push_back({.cause = Cause::uncertain_elsewhere,
+                      .figures = {{"uncertainty", uncertainty}, {"nominal", nominal}},
+                      .message = "beyond the measured configurations a point may be predicted worse than by the "
+                                 "nominal robot: 1 sigma of " +
+                                 in_millimetres(uncertainty) + " over the whole workspace, nominal error " +
+                                 in_millimetres(nominal) + "; use the calibrated robot where it was measured"});
   }
   return result;
 }
@@ -521,65 +712,25 @@ bool holds_where_measured(const CalibrationResult& found, const std::vector<Doub
          held_out->after.rms < kOfNominal * held_out->before.rms;
 }
 
-std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosis& diagnosis,
-                                  const Measurements& measurements, const std::string& ambiguity) {
-  std::vector<std::string> result = said_of_gauge(found);
+std::vector<Remark> remarks(const CalibrationResult& found, const Diagnosis& diagnosis,
+                            const Measurements& measurements, const std::string& ambiguity) {
+  Remarks of_data;
   for (const QualityFinding& finding : diagnosis.findings) {
-    result.push_back("measurements: " + finding.message);
+    of_data.push_back(said_of_rows(finding));
   }
   for (const AlternativeReading& reading : diagnosis.alternative_readings) {
     if (!reading.doubt) {
-      result.push_back(reading.message);
+      of_data.push_back(reading.as_doubt());
     }
   }
   if (!ambiguity.empty()) {
-    result.push_back("registration: " + ambiguity);
+    of_data.push_back({.cause = Cause::ambiguous_registration, .message = "registration: " + ambiguity});
   }
-  if (const int outside = configurations_outside_limits(found.model, measurements); outside > 0) {
-    result.push_back(fmt::format("{} of {} configurations have joint values outside the limits of the URDF", outside,
-                                 measurements.joint_values.cols()));
-  }
-  if (found.noise.variance_factor > 1.0) {
-    result.push_back(fmt::format("the residuals are {:.4g} times the stated noise; {}",
-                                 std::sqrt(found.noise.variance_factor),
-                                 found.noise.parts ? "what is beyond it counts as misfit of the model"
-                                                   : "the uncertainties were scaled up by that"));
-  }
-  if (is_exact_as_read(found)) {
-    result.push_back("the nominal robot is kept because it is exact: it predicts left-out configurations to " +
-                     in_millimetres(found.accuracy.held_out()->before.rms) +
-                     "; positions that were computed from it instead of measured look like this");
-  }
-  constexpr double kFew = 10.0;
-  if (found.noise.source != NoiseSource::stated && found.noise.degrees_of_freedom < kFew) {
-    result.push_back(fmt::format(
-        "few data: all uncertainties rest on {:.4g} degrees of freedom; measure more configurations or state the noise",
-        found.noise.degrees_of_freedom));
-  }
-  if (const double excess = excess_over_priors(found); excess > 1.0) {
-    result.push_back(
-        fmt::format("the estimated errors are {:.4g} times as large as the priors expect, so the priors hold them too "
-                    "close to nominal; state larger priors, or none",
-                    excess));
-  }
-  for (const std::string& said :
-       {said_of_zero(found), said_of_change(found), said_of_urdf(found), said_of_stations(found, measurements)}) {
-    if (!said.empty()) {
-      result.push_back(said);
-    }
-  }
-  if (found.noise.lack_of_fit && found.noise.lack_of_fit->p_value < kMisfitCertain) {
-    result.emplace_back("lack of fit: the residuals are larger than the scatter of the repeats explains");
-  }
-  if (has_harmful_effects(found)) {
-    result.push_back(said_of_harmful_effects(*found.accuracy.held_out()));
-  }
-  if (diagnosis.doubts.empty() && is_worse_elsewhere(found)) {
-    result.push_back(
-        "beyond the measured configurations a point may be predicted worse than by the nominal robot: 1 "
-        "sigma of " +
-        in_millimetres(found.uncertainty.predicted.workspace.rms) + " over the whole workspace, nominal error " +
-        in_millimetres(found.accuracy.train.before.rms) + "; use the calibrated robot where it was measured");
+  Remarks result;
+  for (const Remarks& some : {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found),
+                              said_of_zero(found), said_of_change(found), said_of_urdf(found),
+                              said_of_stations(found, measurements), said_of_model(found, diagnosis)}) {
+    result.insert(result.end(), some.begin(), some.end());
   }
   return result;
 }
@@ -591,14 +742,12 @@ bool is_uncertain_elsewhere(const CalibrationResult& calibration) {
 int configurations_outside_limits(const ErrorModel& model, const Measurements& measurements) {
   int outside = 0;
   for (Eigen::Index c = 0; c < measurements.joint_values.cols(); ++c) {
-    bool inside = true;
+    bool is_outside = false;
     for (std::size_t i = 0; i < model.joints.size(); ++i) {
       const double value = measurements.joint_values(static_cast<Eigen::Index>(i), c);
-      const double slack = 1e-9;
-      inside = inside && !(value < model.joints[i].lower.value_or(value) - slack) &&
-               !(value > model.joints[i].upper.value_or(value) + slack);
+      is_outside = is_outside || is_outside_limits(model.joints[i], value);
     }
-    outside += inside ? 0 : 1;
+    outside += is_outside ? 1 : 0;
   }
   return outside;
 }

@@ -16,7 +16,7 @@ bool holds_where_measured(const CalibrationResult& found, const std::vector<Doub
                           const std::string& ambiguity);
 
 /// Findings that do not make the result doubtful. The doubts are taken from `diagnosis`.
-std::vector<std::string> warnings(const CalibrationResult& found, const Diagnosis& diagnosis,
-                                  const Measurements& measurements, const std::string& ambiguity);
+std::vector<Remark> remarks(const CalibrationResult& found, const Diagnosis& diagnosis,
+                            const Measurements& measurements, const std::string& ambiguity);
 
 }  // namespace kdl_calibration

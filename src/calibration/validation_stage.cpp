@@ -74,7 +74,7 @@ std::vector<double> nominal_folds(const ValidationTask& compared, const Folds& f
 struct PredictedFolds {
   BeforeAfter errors;
   std::vector<HeldOutPoint> points;  // empty if the folds were refitted
-  std::vector<std::string> warnings;
+  std::vector<Remark> remarks;
 };
 
 // Whether the configurations beside its fold do not determine some direction of the point.
@@ -124,13 +124,19 @@ PredictedFolds predicted_folds(const ValidationTask& compared, const Folds& fold
   result.errors.before = error_statistics(determined(nominal_folds(compared, folds, nominal), result.points));
   result.errors.after = error_statistics(determined(after.distances, result.points));
   if (const auto count = std::count_if(result.points.begin(), result.points.end(), is_undetermined); count > 0) {
-    result.warnings.push_back(
-        fmt::format("{} of {} left-out points are not counted: the other configurations do not determine them", count,
-                    result.points.size()));
+    result.remarks.push_back(
+        {.cause = Cause::points_not_counted,
+         .figures = {{"count", static_cast<double>(count)}, {"out_of", static_cast<double>(result.points.size())}},
+         .message =
+             fmt::format("{} of {} left-out points are not counted: the other configurations do not determine them",
+                         count, result.points.size())});
   }
   if (after.not_converged > 0) {
-    result.warnings.push_back(
-        fmt::format("{} of {} {} fits did not converge", after.not_converged, after.refits, name));
+    result.remarks.push_back(
+        {.cause = Cause::folds_not_converged,
+         .figures = {{"count", static_cast<double>(after.not_converged)},
+                     {"out_of", static_cast<double>(after.refits)}},
+         .message = fmt::format("{} of {} {} fits did not converge", after.not_converged, after.refits, name)});
   }
   if (has_effects(compared)) {
     ErrorModel model = task.model;
@@ -233,7 +239,7 @@ Accuracy compare_rows(const ValidationTask& compared, const Estimate& rigid) {
   return result;
 }
 
-std::vector<std::string> said_of_neighbours(const Folds& singly) {
+std::vector<Remark> said_of_neighbours(const Folds& singly) {
   std::size_t together = 0;
   for (const std::vector<Eigen::Index>& fold : singly) {
     together += fold.size() - 1;
@@ -241,10 +247,13 @@ std::vector<std::string> said_of_neighbours(const Folds& singly) {
   if (together == 0) {
     return {};
   }
-  return {fmt::format(
-      "configurations that are neighbours of others (no joint differs by more than {:.0f} degrees, {:.0f} mm or a "
-      "twentieth of its range): {}, left out together with those",
-      kNeighbourDistance / kDegree, kNeighbourDistance * 1e3, together)};
+  return {
+      {.cause = Cause::neighbours_left_out,
+       .figures = {{"count", static_cast<double>(together)}},
+       .message = fmt::format(
+           "configurations that are neighbours of others (no joint differs by more than {:.0f} degrees, {:.0f} mm or "
+           "a twentieth of its range): {}, left out together with those",
+           kNeighbourDistance / kDegree, kNeighbourDistance * 1e3, together)}};
 }
 
 // Adds the errors at left-out configurations to `rows`. `rigid`: the fit of the robot that a URDF can represent.
@@ -252,21 +261,22 @@ Validation hold_out(const ValidationTask& compared, Accuracy rows, const Identif
   const FitProblem& task = compared.problem;
   const ValidationOptions& options = compared.options;
   const Folds singly = make_folds(task.measurements, 0);
-  Validation result{.accuracy = rows, .exported = {}, .warnings = said_of_neighbours(singly)};
+  Validation result{.accuracy = rows, .exported = {}, .remarks = said_of_neighbours(singly)};
   Accuracy& accuracy = result.accuracy;
   const bool asked_singly = options.leave_one_out || options.nested;
   const bool by_default = options.held_out && !asked_singly && options.k_fold < 2;
   const bool many = singly.size() > kMostLeftOutSingly;
   const Folds default_folds = by_default && many ? make_folds(task.measurements, kFoldsOfMany) : singly;
   if (by_default && !can_be_left_out(task.measurements, default_folds, compared.fit.free.size())) {
-    result.warnings.emplace_back(
-        "too few measurements to predict some of them from the others: nothing is known of unseen configurations");
+    result.remarks.push_back({.cause = Cause::nothing_left_out,
+                              .message = "too few measurements to predict some of them from the others: nothing is "
+                                         "known of unseen configurations"});
     return result;
   }
   const auto predict = [&](const Folds& folds, const std::string& name) {
     PredictedFolds predicted = predicted_folds(compared, folds, name, accuracy.train.before.rms, rigid);
     result.held_out_points = std::move(predicted.points);
-    result.warnings.insert(result.warnings.end(), predicted.warnings.begin(), predicted.warnings.end());
+    result.remarks.insert(result.remarks.end(), predicted.remarks.begin(), predicted.remarks.end());
     return predicted.errors.after.count > 0 ? std::optional(predicted.errors) : std::nullopt;
   };
   if (asked_singly || (by_default && !many)) {

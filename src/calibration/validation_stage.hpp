@@ -25,7 +25,7 @@ struct Validation {
   Accuracy accuracy;
   std::vector<HeldOutPoint> held_out_points;  ///< of leave-one-out or k-fold; empty if the folds were refitted
   ExportedUrdf exported;
-  std::vector<std::string> warnings;
+  std::vector<Remark> remarks;
 };
 
 /// Errors of the nominal and the calibrated robot at fitted and test rows and at left-out configurations. The exported

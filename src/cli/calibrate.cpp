@@ -224,7 +224,7 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const CalibrationR
       warn("trusted where it was measured: " + calibration.diagnosis.reservation->message);
     }
   }
-  for (const std::string& warning : calibration.diagnosis.warnings) {
+  for (const std::string& warning : messages_of(calibration.diagnosis.remarks)) {
     warn(warning);
   }
   if (is_uncertain_elsewhere(calibration)) {

@@ -134,10 +134,22 @@ private:
                : rms_of(model_, reading, start);
   }
 
-  void add_reading(Cause cause, const std::string& what, double left, double instead) {
-    readings_.push_back({.cause = cause,
+  // What the data may be read as.
+  struct Reading {
+    Cause cause;
+    std::string words;
+    std::vector<Subject> subjects = {};
+    std::vector<NamedFigure> figures = {};
+  };
+
+  void add_reading(const Reading& reading, double left, double instead) {
+    std::vector<NamedFigure> figures = reading.figures;
+    figures.insert(figures.end(), {{"misfit", instead}, {"misfit_without", left}});
+    readings_.push_back({.cause = reading.cause,
+                         .subjects = reading.subjects,
+                         .figures = std::move(figures),
                          .message = "as they were read the measurements leave a misfit of " + in_mm(instead) + remark_ +
-                                    "; with " + what + " it is " + in_mm(left) + "; " + kUsedAsRead});
+                                    "; with " + reading.words + " it is " + in_mm(left) + "; " + kUsedAsRead});
   }
 
   // No arm is as its drawing says, to the last digit of the file.
@@ -146,6 +158,7 @@ private:
     if (const double step = rounding_of(sample_.measurements); registered_ < kOfRounding * step) {
       readings_.push_back(
           {.cause = Cause::displayed_positions,
+           .figures = {{"misfit", registered_}},
            .message =
                fmt::format("the nominal robot fits the points to {:.2g} mm, the rounding of their coordinates: they "
                            "seem to be computed by the controller, as it displays them, and not measured",
@@ -172,6 +185,7 @@ private:
     const Motion moved = motion(X_BF_, sample_.measurements);
     if (readings_.empty() && moved.share() < kStandsStill && registered_ > kStandsStill * moved.flange) {
       readings_.push_back({.cause = Cause::tool_frame,
+                           .figures = {{"moved_points", moved.points}, {"moved_flange", moved.flange}},
                            .message = "the measured points hardly move while the flange does: they seem to be "
                                       "coordinates in the frame of the tool"});
     }
@@ -189,17 +203,21 @@ private:
     if (!alike) {
       Index axis = 0;
       (factors / std::cbrt(factors.prod())).array().log().abs().maxCoeff(&axis);
-      add_reading(Cause::length_unit,
-                  fmt::format("{} in another unit than the other coordinates (x, y and z are {:.3g}, {:.3g} and {:.3g} "
-                              "times too large)",
-                              static_cast<char>('x' + axis), factors[0], factors[1], factors[2]),
+      const std::string name(1, static_cast<char>('x' + axis));
+      add_reading({.cause = Cause::length_unit,
+                   .words = fmt::format("{} in another unit than the other coordinates (x, y and z are {:.3g}, {:.3g} "
+                                        "and {:.3g} times too large)",
+                                        name, factors[0], factors[1], factors[2]),
+                   .subjects = {{SubjectKind::coordinate, name}},
+                   .figures = {{"factor_x", factors[0]}, {"factor_y", factors[1]}, {"factor_z", factors[2]}}},
                   left, registered_);
       return;
     }
     const std::string units = units_of_factor(factors[0]);
-    add_reading(units.empty() ? Cause::scale : Cause::length_unit,
-                fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
-                            units.empty() ? kLengthsSetWrong : units),
+    add_reading({.cause = units.empty() ? Cause::scale : Cause::length_unit,
+                 .words = fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
+                                      units.empty() ? kLengthsSetWrong : units),
+                 .figures = {{"factor", factors[0]}}},
                 left, registered_);
   }
 
@@ -217,41 +235,48 @@ private:
                                                                  .threads = options_.threads});
     const double readings = 3.0 + static_cast<double>(trials.size());
     double best = fitted_;
-    const auto consider = [&](Cause cause, const std::string& what, double left) {
+    const auto consider = [&](const Reading& reading, double left) {
       if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
         best = left;
         readings_.clear();
-        add_reading(cause, what, left, fitted_);
+        add_reading(reading, left, fitted_);
       }
     };
     const auto joints = std::find_if(trials.begin(), trials.end(), [](const auto& trial) { return !trial.present; });
     if (joints != trials.end()) {
-      consider(*joints->cause, joints->description, joints->rms);
+      consider({.cause = *joints->cause, .words = joints->description, .subjects = joints->joints}, joints->rms);
     }
     if (!options_.registration.known.bases.empty()) {
       RegistrationOptions anywhere = options_.registration;
       anywhere.known.bases.clear();
       const Unknowns free = sample_.free.with_group(model_, UnknownGroup::base);
       const TrialFit fit{.model = model_, .free = free, .registration = anywhere, .joint = other};
-      consider(Cause::known_base, "the base fitted instead of taken as known",
+      consider({.cause = Cause::known_base, .words = "the base fitted instead of taken as known"},
                sample_.freedom < 6.0
                    ? kInfinity
                    : fitted_rms(fit, sample_.measurements, nominal_start(model_, sample_.measurements, anywhere)));
     }
-    consider(Cause::mirrored, "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)",
+    consider({.cause = Cause::mirrored,
+              .words = "the points mirrored (a left-handed frame, a wrong sign or two coordinates exchanged)"},
              trial(mirrored(sample_.measurements), other));
     if (const auto inverted = with_poses_inverted(measurements_)) {
-      consider(Cause::tool_frame, "every pose inverted (they are poses of the world seen from the tool; invert them)",
+      consider({.cause = Cause::tool_frame,
+                .words = "every pose inverted (they are poses of the world seen from the tool; invert them)"},
                trial(trial_sample(model_, *inverted, sample_.free, kMostSampled).measurements, other));
     }
     if (const auto exchange = exchanged_targets(X_BF_, sample_.measurements, options_.registration)) {
-      const auto& names = sample_.measurements.targets;
-      consider(Cause::exchanged_targets,
-               "targets " + names[static_cast<std::size_t>(exchange->first)] + " and " +
-                   names[static_cast<std::size_t>(exchange->second)] + " exchanged from configuration " +
-                   sample_.measurements.configurations[static_cast<std::size_t>(exchange->from)] + " on",
-               trial(exchange->repaired, other));
+      consider(reading_of(*exchange), trial(exchange->repaired, other));
     }
+  }
+
+  Reading reading_of(const Exchange& exchange) const {
+    const std::string& first = sample_.measurements.targets[static_cast<std::size_t>(exchange.first)];
+    const std::string& second = sample_.measurements.targets[static_cast<std::size_t>(exchange.second)];
+    const std::string& from = sample_.measurements.configurations[static_cast<std::size_t>(exchange.from)];
+    return {
+        .cause = Cause::exchanged_targets,
+        .words = "targets " + first + " and " + second + " exchanged from configuration " + from + " on",
+        .subjects = {{SubjectKind::target, first}, {SubjectKind::target, second}, {SubjectKind::configuration, from}}};
   }
 
   void try_joint_functions() {
@@ -266,6 +291,8 @@ private:
       if (shares[j] > 0.5 && p_value < 1e-3) {
         readings_.push_back(
             {.cause = Cause::joint_function,
+             .subjects = {{SubjectKind::joint, model_.joints[j].name}},
+             .figures = {{"explained", shares[j]}, {"p_value", p_value}},
              .message = fmt::format("a function of {} alone explains {:.2g} % of the residuals' squares (p = {:.1g})",
                                     model_.joints[j].name, 100.0 * shares[j], p_value),
              .doubt = false});
@@ -316,6 +343,7 @@ std::vector<AlternativeReading> readings_of_unit(const ErrorModel& model, const 
     if (const double instead = nominal_misfit(model, measurements, factor); instead < kMostMisfitLeft * as_read) {
       return {
           {.cause = Cause::length_unit,
+           .figures = {{"factor", 1.0 / factor}, {"misfit", as_read}, {"misfit_without", instead}},
            .message = fmt::format("as they were read the measurements leave a misfit of {} of the nominal arm; with "
                                   "all lengths times {:.4g} ({}) it is {}; {}",
                                   in_mm(as_read), factor, units_of_factor(1.0 / factor), in_mm(instead), kUsedAsRead)}};
@@ -336,7 +364,10 @@ ReadingSearch search_readings(const ErrorModel& model, const Measurements& measu
   if (!doubted && has_orientations(measurements)) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
     const auto of_orientations = [&] {
-      return AlternativeReading{.cause = Cause::orientations, .message = turned->message};
+      return AlternativeReading{.cause = Cause::orientations,
+                                .subjects = turned->subjects,
+                                .figures = turned->figures,
+                                .message = turned->message};
     };
     if (turned && turned->explained) {
       found.insert(found.begin(), of_orientations());

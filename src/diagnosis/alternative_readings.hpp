@@ -14,8 +14,13 @@ namespace kdl_calibration {
 /// Another interpretation of the input that would explain the measurements much better than the present one.
 struct AlternativeReading {
   Cause cause = Cause::joint_convention;
+  std::vector<Subject> subjects = {};
+  std::vector<NamedFigure> figures = {};
   std::string message;  ///< one line for the user, with the figures
   bool doubt = true;    ///< whether the result must not be trusted; false: a remark only
+
+  /// The doubt, or the remark.
+  Doubt as_doubt() const { return {cause, subjects, figures, message}; }
 };
 
 /// The smallest mistake of a kind that the measurements would have shown with 80 % power, and what it does to

@@ -61,8 +61,9 @@ std::vector<Visit> visits_of(const Measurements& measurements) {
 // Something that may have changed: the columns that it moves.
 struct Changeable {
   Cause cause = Cause::moved_base;
-  MatrixXd columns;                                   // columns of J x k
-  std::string subject;                                // "the base", "target A", …
+  MatrixXd columns;     // columns of J x k
+  std::string subject;  // "the base", "target A", …
+  std::vector<Subject> subjects = {};
   const char* unit = "mrad";                          // of a single column, in thousandths
   std::optional<std::size_t> target = std::nullopt;   // counted in visits of that target alone
   std::optional<std::size_t> station = std::nullopt;  // … of that station alone
@@ -89,22 +90,28 @@ std::vector<Changeable> changeable(const OrdinaryFit& fit) {
                       .subject = fit.rows().stations.size() > 1
                                      ? "the base at station " + shown(fit.rows().stations[station])
                                      : "the base",
+                      .subjects = {{SubjectKind::station, fit.rows().stations[station]}},
                       .station = station});
   }
   for (std::size_t k = 0; k < fit.rows().targets.size(); ++k) {
     result.push_back({.cause = Cause::moved_target,
                       .columns = fit.of_target(k),
                       .subject = "target " + shown(fit.rows().targets[k]),
+                      .subjects = {{SubjectKind::target, fit.rows().targets[k]}},
                       .target = k});
   }
   if (fit.rows().targets.size() > 1) {
-    result.push_back({.cause = Cause::moved_target, .columns = fit.of_tool(), .subject = "the tool"});
+    result.push_back({.cause = Cause::moved_target,
+                      .columns = fit.of_tool(),
+                      .subject = "the tool",
+                      .subjects = subjects_named(SubjectKind::target, fit.rows().targets)});
   }
   for (std::size_t joint = 0; joint < fit.model().joints.size(); ++joint) {
     if (const std::optional<MatrixXd> M = fit.of_zero(joint)) {
       result.push_back({.cause = Cause::joint_zero_changed,
                         .columns = *M,
                         .subject = "the zero of " + fit.model().joints[joint].name,
+                        .subjects = {{SubjectKind::joint, fit.model().joints[joint].name}},
                         .unit = fit.model().joints[joint].type == JointType::prismatic ? "mm" : "mrad"});
     }
   }
@@ -190,22 +197,29 @@ std::string order_words(const Measurements& rows) {
 
 MistakeTrial change_trial(const OrdinaryFit& fit, const Changeable& what, Index last) {
   const bool moves_robot = what.cause != Cause::moved_base;
+  const std::string& before = fit.rows().configurations[static_cast<std::size_t>(last)];
+  std::vector<Subject> subjects = what.subjects;
+  subjects.push_back({SubjectKind::configuration, before});
   return {.cause = what.cause,
           .subject = what.subject + " changed halfway",
+          .subjects = std::move(subjects),
           .unit = what.columns.cols() == 1 ? what.unit : "",
           .motion = {.of_robot = moves_robot ? what.columns : MatrixXd(), .in_part = true},
-          .words = [&fit, what, last](const Explained& found) {
+          .words = [&fit, what, before](const Explained& found) {
             const std::string size = what.cause == Cause::payload_changed ? ""
                                      : found.estimate.size() >= 3
                                          ? " by " + said_length(found.estimate.head<3>().norm())
                                          : fmt::format(" by {:.3g} {}", found.estimate[0] * 1e3, what.unit);
-            return fmt::format("{} changed{} after configuration {}{}", what.subject, size,
-                               fit.rows().configurations[static_cast<std::size_t>(last)], order_words(fit.rows()));
+            return fmt::format("{} changed{} after configuration {}{}", what.subject, size, before,
+                               order_words(fit.rows()));
           }};
 }
 
-MistakeTrial drift_trial(const OrdinaryFit& fit) {
-  return {.cause = Cause::drift, .subject = "the base drifts", .words = [&fit](const Explained& found) {
+MistakeTrial drift_trial(const OrdinaryFit& fit, std::size_t station) {
+  return {.cause = Cause::drift,
+          .subject = "the base drifts",
+          .subjects = {{SubjectKind::station, fit.rows().stations[station]}},
+          .words = [&fit](const Explained& found) {
             return fmt::format("a base that drifts against the measuring device, by {} and {:.2g} mrad in all{}",
                                said_length(found.estimate.head<3>().norm()), found.estimate.tail<3>().norm() * 1e3,
                                order_words(fit.rows()));
@@ -271,7 +285,7 @@ void try_changes(const OrdinaryFit& fit, const Explanations& explanations, std::
   }
   for (std::size_t station = 0; station < drift.size(); ++station) {
     MistakeFamily& family = changes.emplace_back();
-    family.add(explanations, drift[station].of(fit.of_base(station)), [&] { return drift_trial(fit); });
+    family.add(explanations, drift[station].of(fit.of_base(station)), [&] { return drift_trial(fit, station); });
   }
   changes.push_back(std::move(alone));
   std::move(changes.begin(), changes.end(), std::back_inserter(families));

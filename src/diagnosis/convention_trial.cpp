@@ -148,7 +148,8 @@ private:
     return result;
   }
 
-  void consider(ConventionTrial candidate) {
+  void consider(ConventionTrial candidate, const std::vector<std::string>& joints = {}) {
+    candidate.joints = subjects_named(SubjectKind::joint, joints);
     if (std::none_of(trials_.begin(), trials_.end(),
                      [&](const ConventionTrial& other) { return same_reading(other, candidate); })) {
       trials_.push_back(std::move(candidate));
@@ -156,16 +157,19 @@ private:
   }
 
   // Considers the URDF's values as read, multiplied by a matrix.
-  void consider(Cause cause, std::string description, const MatrixXd& change) {
+  void consider(Cause cause, std::string description, const std::vector<std::string>& joints, const MatrixXd& change) {
     consider(trial(cause, std::move(description), controller_,
-                   {.matrix = change * present_.matrix, .offset = present_.offset}));
+                   {.matrix = change * present_.matrix, .offset = present_.offset}),
+             joints);
   }
 
   // The same for the controller's values, if a convention couples joints.
-  void consider_columns(Cause cause, const std::string& description, const MatrixXd& change) {
+  void consider_columns(Cause cause, const std::string& description, const std::vector<std::string>& joints,
+                        const MatrixXd& change) {
     if (used_ != nullptr) {
       consider(trial(cause, "the controller's " + description, controller_,
-                     {.matrix = present_.matrix * change, .offset = present_.offset}));
+                     {.matrix = present_.matrix * change, .offset = present_.offset}),
+               joints);
     }
   }
 
@@ -184,25 +188,27 @@ private:
     for (Index j = 0; j < joint_count(); ++j) {
       MatrixXd change = as_they_are().matrix;
       change(j, j) = -1.0;
-      consider(Cause::joint_sign, name(j) + " with the opposite sign", change);
-      consider_columns(Cause::joint_sign, column(j) + " with the opposite sign", change);
+      consider(Cause::joint_sign, name(j) + " with the opposite sign", {name(j)}, change);
+      consider_columns(Cause::joint_sign, column(j) + " with the opposite sign", {column(j)}, change);
     }
   }
 
   void add_units() {
     for (const Unit& unit : kUnits) {
       VectorXd every = VectorXd::Ones(joint_count());
+      std::vector<std::string> turning;
       for (Index j = 0; j < joint_count(); ++j) {
         if (turns(j) == unit.angle) {
           VectorXd one = VectorXd::Ones(joint_count());
           one[j] = unit.factor;
           every[j] = unit.factor;
-          consider(Cause::joint_unit, name(j) + " " + unit.words, one.asDiagonal());
-          consider_columns(Cause::joint_unit, column(j) + " " + unit.words, one.asDiagonal());
+          turning.push_back(name(j));
+          consider(Cause::joint_unit, name(j) + " " + unit.words, {name(j)}, one.asDiagonal());
+          consider_columns(Cause::joint_unit, column(j) + " " + unit.words, {column(j)}, one.asDiagonal());
         }
       }
       if (unit.angle) {
-        consider(Cause::joint_unit, std::string("all joint angles ") + unit.words, every.asDiagonal());
+        consider(Cause::joint_unit, std::string("all joint angles ") + unit.words, turning, every.asDiagonal());
       }
     }
   }
@@ -215,7 +221,7 @@ private:
           MatrixXd change = as_they_are().matrix;
           change(j, j - 1) = sign;
           consider(Cause::joint_convention, name(j) + (sign > 0.0 ? " + " : " - ") + name(j - 1) + " for " + name(j),
-                   change);
+                   {name(j), name(j - 1)}, change);
         }
       }
     }
@@ -229,7 +235,7 @@ private:
         reading.matrix.row(j).setZero();
         reading.offset[j] += at;
         const std::string where = at == 0.0 ? " at rest at zero" : " at rest at its first value";
-        consider(trial(Cause::joint_at_rest, name(j) + where + " in every row", controller_, reading));
+        consider(trial(Cause::joint_at_rest, name(j) + where + " in every row", controller_, reading), {name(j)});
       }
     }
   }
@@ -240,13 +246,16 @@ private:
       for (Index k = j + 1; k < joint_count(); ++k) {
         MatrixXd change = as_they_are().matrix;
         change.row(j).swap(change.row(k));
-        consider(Cause::joint_columns, name(j) + " and " + name(k) + " exchanged", change);
-        consider_columns(Cause::joint_columns, column(j) + " and " + column(k) + " exchanged", change);
+        consider(Cause::joint_columns, name(j) + " and " + name(k) + " exchanged", {name(j), name(k)}, change);
+        consider_columns(Cause::joint_columns, column(j) + " and " + column(k) + " exchanged", {column(j), column(k)},
+                         change);
       }
     }
     const MatrixXd reversed = as_they_are().matrix.rowwise().reverse();
-    consider(Cause::joint_columns, "the joints in reversed order", reversed);
-    consider_columns(Cause::joint_columns, "joints in reversed order", reversed);
+    consider(Cause::joint_columns, "the joints in reversed order", names_, reversed);
+    if (used_ != nullptr) {
+      consider_columns(Cause::joint_columns, "joints in reversed order", used_->controller_joints, reversed);
+    }
   }
 
   std::vector<std::string> names_;

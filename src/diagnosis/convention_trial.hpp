@@ -18,7 +18,8 @@ namespace kdl_calibration {
 struct ConventionTrial {
   std::optional<Cause> cause;  ///< none for the present interpretation
   std::string description;     ///< "the convention fanuc_r2000ic_165f_pendant.json", "joint_3 with the opposite sign"
-  bool present = false;        ///< whether it is the present interpretation
+  std::vector<Subject> joints = {};  ///< that are read differently: the URDF's, or the controller's if it names those
+  bool present = false;              ///< whether it is the present interpretation
   /// [m] 3D RMS of the train rows with nominal geometry, base and targets registered. If above twice that of the
   /// present reading, it may be a lower bound (least_misfit).
   double registered = 0.0;

@@ -71,13 +71,14 @@ constexpr std::array<std::pair<Cause, const char*>, 60> kCauses = {{
     {Cause::uncertain_elsewhere, "uncertain_elsewhere"},
 }};
 
-constexpr std::array<std::pair<SubjectKind, const char*>, 6> kSubjectKinds = {
+constexpr std::array<std::pair<SubjectKind, const char*>, 7> kSubjectKinds = {
     {{SubjectKind::configuration, "configuration"},
      {SubjectKind::target, "target"},
      {SubjectKind::station, "station"},
      {SubjectKind::joint, "joint"},
      {SubjectKind::parameter, "parameter"},
-     {SubjectKind::effect, "effect"}}};
+     {SubjectKind::effect, "effect"},
+     {SubjectKind::coordinate, "coordinate"}}};
 
 template <class Names, class Value>
 const char* name_in(const Names& names, Value value) {

@@ -30,6 +30,7 @@ std::array<std::vector<Index>, kStrata> rows_of_strata(std::span<const RowStratu
 
 struct Determined {
   VectorXd solution;
+  MatrixXd covariance;  // A^+
   double explained = 0.0;
   double rank = 0.0;
 };
@@ -37,7 +38,7 @@ struct Determined {
 // A^+ b and b^T A^+ b on the directions of A that are more than rounding of `whole`, A before the projection.
 Determined solved(const MatrixXd& A, const VectorXd& b, const MatrixXd& whole) {
   constexpr double kDetermined = 1e-9;
-  Determined result{.solution = VectorXd::Zero(b.size())};
+  Determined result{.solution = VectorXd::Zero(b.size()), .covariance = MatrixXd::Zero(b.size(), b.size())};
   if (b.size() == 0) {
     return result;
   }
@@ -48,6 +49,7 @@ Determined solved(const MatrixXd& A, const VectorXd& b, const MatrixXd& whole) {
       const VectorXd direction = scale.asDiagonal() * vectors.col(i);
       const double along = direction.dot(b);
       result.solution += along / values[i] * direction;
+      result.covariance += direction * direction.transpose() / values[i];
       result.explained += along * along / values[i];
       result.rank += 1.0;
     }
@@ -72,12 +74,14 @@ struct Explanations::Gain {
   MatrixXd whole;   // C^T C
   MatrixXd X = {};  // R^-T J^T C
   VectorXd estimate = {};
+  MatrixXd covariance = {};  // of the estimate
   double explained = 0.0;
   double rank = 0.0;
 };
 
 struct Explanations::Solution {
   VectorXd estimate;
+  MatrixXd covariance = {};
   double explained = 0.0;
   double rank = 0.0;
   VectorXd step = {};                // of the free columns
@@ -174,6 +178,7 @@ Explanations::Gain Explanations::gain(const AlternativeSums& sums, const Equatio
   const Determined found =
       solved(result.whole - result.X.transpose() * result.X, right - result.X.transpose() * equations.x, result.whole);
   result.estimate = found.solution;
+  result.covariance = found.covariance;
   result.explained = found.explained;
   result.rank = found.rank;
   return result;
@@ -184,7 +189,7 @@ Explanations::Solution Explanations::solution(const AlternativeSums& sums, const
   const Index columns = sums.cross[0].cols();
   const Gain gain = this->gain(sums, equations);
   const VectorXd& estimate = gain.estimate;
-  Solution result{.estimate = estimate, .explained = gain.explained, .rank = gain.rank};
+  Solution result{.estimate = estimate, .covariance = gain.covariance, .explained = gain.explained, .rank = gain.rank};
   for (std::size_t s = 0; s < kStrata && columns > 0; ++s) {
     const auto place = static_cast<Index>(s);
     result.taken[place] = gain.rank * sums.own[s].trace() / variance[place] / std::max(gain.whole.trace(), kTiny);
@@ -296,7 +301,7 @@ Explained Explanations::explained(const AlternativeSums& sums, const Alternative
   const Equations at = weighed(sums, without_->weights);
   const Solution found = solution(sums, at);
   const Solution without = solution(nothing(), at);
-  Explained result{.estimate = found.estimate};
+  Explained result{.estimate = found.estimate, .covariance = found.covariance};
   const OfStrata left = found.left * at.weights.variance;
   result.share_left = std::min((left[0] + left[1]) / std::max(fit_.doubted_squares, kTiny), 1.0);
 

@@ -62,12 +62,13 @@ struct AlternativeMotion {
 };
 
 struct Explained {
-  Eigen::VectorXd estimate;  ///< g, in the units of C
-  double evidence = 0.0;     ///< logarithm of the likelihood ratio, less what the number of its columns costs
-  double p_value = 1.0;      ///< of one trial, by an F test
-  double share_left = 1.0;   ///< of `doubted_squares`
-  double size = 0.0;         ///< [m] RMS of C g over the measured points
-  double moves = 0.0;        ///< [m] RMS change of the predicted points
+  Eigen::VectorXd estimate;         ///< g, in the units of C
+  Eigen::MatrixXd covariance = {};  ///< of g, with the noise that is left; 0 in directions that do not show
+  double evidence = 0.0;            ///< logarithm of the likelihood ratio, less what the number of its columns costs
+  double p_value = 1.0;             ///< of one trial, by an F test
+  double share_left = 1.0;          ///< of `doubted_squares`
+  double size = 0.0;                ///< [m] RMS of C g over the measured points
+  double moves = 0.0;               ///< [m] RMS change of the predicted points
 };
 
 /// The smallest mistake that a test at some level would show with some power, in the direction of its columns that

@@ -29,11 +29,12 @@ constexpr double kFalseAlarm = 1e-5;  // of all trials of a kind
 constexpr double kRadius = 1.614;     // 95 % radius over the 3D RMS, of alike normal coordinates
 
 // Factors on lengths are linear near 1; larger ones are other units, or nothing but noise.
-MistakeTrial scale_trial(const std::string& which, double sigma) {
+MistakeTrial scale_trial(const std::string& which, const std::vector<Subject>& subjects, double sigma) {
   constexpr double kLargest = 0.2;
   constexpr double kBeyond = 3.0;  // sigma
   return {.cause = Cause::scale,
           .subject = which,
+          .subjects = subjects,
           .unit = "%",
           .words =
               [which](const Explained& found) {
@@ -58,7 +59,8 @@ void make_longer(Observation& row, const Vector3d& predicted, double step) {
 void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
   const MatrixXd C = fit.disturbed(make_longer);
   MistakeFamily all;
-  all.add(explanations, explanations.sums(C), [&] { return scale_trial("all measured lengths", fit.scale_sigma()); });
+  all.add(explanations, explanations.sums(C),
+          [&] { return scale_trial("all measured lengths", {}, fit.scale_sigma()); });
   families.push_back(std::move(all));
 
   const std::vector<std::string>& stations = fit.rows().stations;
@@ -69,8 +71,10 @@ void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::
       const auto [first, count] = fit.rows_of(c);
       own.middleRows(first, count) *= fit.station(c) == station ? 1.0 : 0.0;
     }
-    of_stations.add(explanations, explanations.sums(own),
-                    [&] { return scale_trial("lengths of station " + shown(stations[station]), fit.scale_sigma()); });
+    of_stations.add(explanations, explanations.sums(own), [&] {
+      return scale_trial("lengths of station " + shown(stations[station]), {{SubjectKind::station, stations[station]}},
+                         fit.scale_sigma());
+    });
   }
   families.push_back(std::move(of_stations));
 
@@ -79,8 +83,10 @@ void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::
     const MatrixXd along = fit.disturbed([&](Observation& o, const Vector3d& predicted, double step) {
       o.position()[axis] += is_distance(o) ? 0.0 : step * predicted[axis];
     });
-    of_axes.add(explanations, explanations.sums(along),
-                [&] { return scale_trial(fmt::format("coordinates {}", "xyz"[axis]), 0.0); });
+    const std::string name(1, "xyz"[axis]);
+    of_axes.add(explanations, explanations.sums(along), [&] {
+      return scale_trial("coordinates " + name, {{SubjectKind::coordinate, name}}, 0.0);
+    });
   }
   families.push_back(std::move(of_axes));
 }
@@ -138,6 +144,8 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
       const EffectTerm& term = fit.model().effects[d];
       const MovingJoint& joint = fit.model().joints[static_cast<std::size_t>(term.index)];
       return MistakeTrial{.cause = Cause::joint_gain,
+                          .subjects = {{SubjectKind::joint, joint.name}},
+                          .scale = term.scale,
                           .motion = {.of_robot = M},
                           .words = [&joint, scale = term.scale](const Explained& found) {
                             return fmt::format(
@@ -157,8 +165,10 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
       const VectorXd before = fit.rows().joint_values.row(static_cast<Index>(joint) - 1);
       couplings.add(explanations, weighted(fit, explanations, before, *M), [&, joint] {
         const std::string& name = fit.model().joints[joint].name;
+        const std::string& leader = fit.model().joints[joint - 1].name;
         return MistakeTrial{.cause = Cause::joint_gain,
-                            .subject = name + " coupled with " + fit.model().joints[joint - 1].name,
+                            .subject = name + " coupled with " + leader,
+                            .subjects = subjects_named(SubjectKind::joint, {name, leader}),
                             .unit = "%",
                             .words = [&fit, joint](const Explained& found) {
                               return fmt::format("{} moving by {:.3g} of the motion of {} (coupled gears)",
@@ -181,7 +191,10 @@ void try_stated_frames(const OrdinaryFit& fit, const Explanations& explanations,
   for (std::size_t station = 0; station < fit.model().stations.size(); ++station) {
     if (find_base(fit.known().bases, fit.model().stations[station]) != nullptr) {
       stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_base(station)), [&] {
-        return MistakeTrial{.cause = Cause::known_base, .subject = "the known base", .words = off("the known base")};
+        return MistakeTrial{.cause = Cause::known_base,
+                            .subject = "the known base",
+                            .subjects = {{SubjectKind::station, fit.model().stations[station]}},
+                            .words = off("the known base")};
       });
     }
   }
@@ -191,6 +204,7 @@ void try_stated_frames(const OrdinaryFit& fit, const Explanations& explanations,
       stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_target(k)), [&] {
         return MistakeTrial{.cause = Cause::known_target,
                             .subject = "stated target " + shown(name),
+                            .subjects = {{SubjectKind::target, name}},
                             .words = off("target " + shown(name))};
       });
     }
@@ -203,8 +217,9 @@ struct Found {
   MistakeTrial trial;
   Explained explained;
   double evidence = 0.0;
-  double left = 0.0;    // [m] misfit
-  double radius = 0.0;  // [m] of predictions without the mistake
+  double p_value = 1.0;  // of all trials of its kind
+  double left = 0.0;     // [m] misfit
+  double radius = 0.0;   // [m] of predictions without the mistake
 };
 
 // Where the effects of the result are doubted as well, whether the mistake explains the measurements as well as they
@@ -236,9 +251,10 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
     const Found found{.trial = *family->best,
                       .explained = explained,
                       .evidence = explained.evidence - std::log(family->trials),
+                      .p_value = std::min(explained.p_value * family->trials, 1.0),
                       .left = left,
                       .radius = radius};
-    const bool significant = explained.p_value * family->trials < kFalseAlarm && explains_as_well(fit, explained);
+    const bool significant = found.p_value < kFalseAlarm && explains_as_well(fit, explained);
     const bool matters = std::min(explained.moves, explained.size) > radius &&
                          explained.estimate.norm() <= family->best->largest &&
                          explained.estimate.norm() >= family->best->least;
@@ -249,7 +265,39 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
   return result;
 }
 
+// Adds the length of three columns of the estimate, from `first` on, with its 1 sigma in that direction.
+void add_length(const Explained& found, Index first, const std::string& name, std::vector<NamedFigure>& figures) {
+  const Vector3d estimate = found.estimate.segment<3>(first);
+  const Vector3d direction = estimate.stableNormalized();
+  figures.push_back({name, estimate.norm()});
+  figures.push_back(
+      {name + "_sigma", std::sqrt(direction.dot(found.covariance.block<3, 3>(first, first) * direction))});
+}
+
+// The size of the mistake. A changed payload has none: its columns are those of several effects.
+std::vector<NamedFigure> size_of(const MistakeTrial& trial, const Explained& found) {
+  std::vector<NamedFigure> figures;
+  if (trial.cause == Cause::payload_changed) {
+    return figures;
+  }
+  if (found.estimate.size() < 3) {
+    return {{"estimate", found.estimate[0] / trial.scale},
+            {"estimate_sigma", std::sqrt(found.covariance(0, 0)) / std::abs(trial.scale)}};
+  }
+  add_length(found, 0, "estimate", figures);
+  if (found.estimate.size() == 6) {
+    add_length(found, 3, "turn", figures);
+  }
+  return figures;
+}
+
 AlternativeReading said(const Found& found, const OrdinaryFit& fit) {
+  std::vector<NamedFigure> figures = size_of(found.trial, found.explained);
+  figures.insert(figures.end(), {{"misfit", fit.misfit()},
+                                 {"misfit_without", found.left},
+                                 {"moves", found.explained.moves},
+                                 {"radius", found.radius},
+                                 {"p_value", found.p_value}});
   const std::string mistake = found.trial.words(found.explained);
   const std::string explained =
       fit.is_beside_effects()
@@ -258,6 +306,8 @@ AlternativeReading said(const Found& found, const OrdinaryFit& fit) {
           : fmt::format("with effects the measurements leave a misfit of {}; without, but with {}, it is {}",
                         said_length(fit.misfit()), mistake, said_length(found.left));
   return {.cause = found.trial.cause,
+          .subjects = found.trial.subjects,
+          .figures = std::move(figures),
           .message = fmt::format("{}, and predictions move by {} (their radius: {}); {}", explained,
                                  said_length(found.explained.moves), said_length(found.radius), kUsedAsRead)};
 }

@@ -15,8 +15,10 @@ namespace kdl_calibration {
 /// An alternative, and how it is said.
 struct MistakeTrial {
   Cause cause = Cause::scale;
-  std::string subject = {};  ///< what it concerns
-  const char* unit = "";     ///< of its estimate, if that is a single number: "mm" for [m], "mrad", or "%" of a factor
+  std::string subject = {};  ///< what it concerns, in words
+  std::vector<Subject> subjects = {};
+  const char* unit = "";  ///< of its estimate, if that is a single number: "mm" for [m], "mrad", or "%" of a factor
+  double scale = 1.0;     ///< divides its estimate, if that is a single number
   AlternativeSums sums = {};
   AlternativeMotion motion = {};
   std::function<std::string(const Explained&)> words = {};

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <iterator>
+#include <utility>
 #include <vector>
 
 #include "base/degree.hpp"
@@ -145,10 +146,22 @@ double limit_of(const std::vector<Off>& all) {
   return std::max(kTimes * median(std::move(agreeing)), kDegree);
 }
 
-std::string label(const Measurements& measurements, const Off& off) {
+const std::string& configuration_of(const Measurements& measurements, const Off& off) {
   const Observation& observation = measurements.observations[off.row->row];
-  return "configuration " + measurements.configurations[static_cast<std::size_t>(observation.configuration)] +
-         ", target " + measurements.targets[off.target];
+  return measurements.configurations[static_cast<std::size_t>(observation.configuration)];
+}
+
+std::string label(const Measurements& measurements, const Off& off) {
+  return "configuration " + configuration_of(measurements, off) + ", target " + measurements.targets[off.target];
+}
+
+std::vector<Subject> subjects_of(const Measurements& measurements, const Off& off) {
+  return {{SubjectKind::configuration, configuration_of(measurements, off)},
+          {SubjectKind::target, measurements.targets[off.target]}};
+}
+
+std::vector<NamedFigure> share_of_rows(std::size_t some, std::size_t all) {
+  return {{"count", static_cast<double>(some)}, {"out_of", static_cast<double>(all)}};
 }
 
 // For `outliers` of `count` rows: another reading that fits all of them, or else the worst row.
@@ -161,13 +174,19 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
           return off.row->of_target(reading).angularDistance(agreed.targets[off.target]) <= limit;
         })) {
       return {.explained = true,
+              .subjects = subjects_of(measurements, outliers.front()),
+              .figures = share_of_rows(outliers.size(), count),
               .message = what + ", from " + label(measurements, outliers.front()) + " on; they do if they are read " +
                          reading.words + "; " + kUsedAsRead};
     }
   }
   const Off& worst =
       *std::max_element(outliers.begin(), outliers.end(), [](const Off& a, const Off& b) { return a.angle < b.angle; });
-  return {.message =
+  std::vector<NamedFigure> figures = share_of_rows(outliers.size(), count);
+  figures.push_back({"angle", worst.angle});
+  return {.subjects = subjects_of(measurements, worst),
+          .figures = std::move(figures),
+          .message =
               fmt::format("{}: {} is off by {:.3g} degrees", what, label(measurements, worst), worst.angle / kDegree)};
 }
 
@@ -192,6 +211,7 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
   const std::size_t count = all.size();
   if (usual != &readings().front()) {
     return OrientationTrial{.explained = true,
+                            .figures = share_of_rows(best.rows, count),
                             .message = "the measured orientations do not turn with the arm; " +
                                        of_rows(best.rows, count) + " do if they are read " + usual->words + "; " +
                                        kUsedAsRead};

@@ -4,15 +4,19 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "estimation/unknowns.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {
 
 struct OrientationTrial {
-  bool explained = false;  ///< whether inverse quaternions or another order of components fits
+  bool explained = false;              ///< whether inverse quaternions or another order of components fits
+  std::vector<Subject> subjects = {};  ///< the first row that does not turn with the arm, or the worst one
+  std::vector<NamedFigure> figures = {};
   std::string message;
 };
 

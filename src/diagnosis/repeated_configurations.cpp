@@ -83,12 +83,20 @@ std::vector<AlternativeReading> repeated_configurations(const Measurements& meas
                                         label(one) + more + ": that is no independent test"
                                   : "configurations " + label(one) + " and " + label(other) + more +
                                         " are at the same pose: they are left out together";
-  std::vector<AlternativeReading> remarks = {{.cause = Cause::same_configuration, .message = message, .doubt = false}};
+  const auto both = [&](const Twins& two) {
+    return subjects_named(SubjectKind::configuration, {label(two.first), label(two.second)});
+  };
+  std::vector<AlternativeReading> remarks = {{.cause = Cause::same_configuration,
+                                              .subjects = both(twins.front()),
+                                              .figures = {{"count", static_cast<double>(twins.size())}},
+                                              .message = message,
+                                              .doubt = false}};
   constexpr std::size_t kLookedAt = 20;
   const auto end = twins.begin() + static_cast<std::ptrdiff_t>(std::min(twins.size(), kLookedAt));
   const auto copied = std::find_if(twins.begin(), end, [&](const Twins& two) { return is_copy(measurements, two); });
   if (copied != end) {
     remarks.push_back({.cause = Cause::copied_rows,
+                       .subjects = both(*copied),
                        .message = "test configuration " + label(copied->second) +
                                   " has the very points of train configuration " + label(copied->first) +
                                   ": copied rows are no independent test",
@@ -172,6 +180,11 @@ AllDifferences differences(const ErrorModel& model, const Measurements& measurem
   return all;
 }
 
+std::vector<std::string> all_shown(std::vector<std::string> names) {
+  std::transform(names.begin(), names.end(), names.begin(), [](const std::string& name) { return shown(name); });
+  return names;
+}
+
 }  // namespace
 
 std::optional<AlternativeReading> moved_between_repeats(const ErrorModel& model, const Measurements& measurements,
@@ -186,32 +199,43 @@ std::optional<AlternativeReading> moved_between_repeats(const ErrorModel& model,
     all.in_W.insert(all.in_W.end(), rows.in_W.begin(), rows.in_W.end());
     all.points.insert(all.points.end(), rows.points.begin(), rows.points.end());
     if (const Displacement found = displacement_of(rows, true); found.explains && (moved.empty() || number == repeat)) {
-      moved.push_back(shown(measurements.targets[static_cast<std::size_t>(target)]));
+      moved.push_back(measurements.targets[static_cast<std::size_t>(target)]);
       repeat = number;
       largest = std::max(largest, found.x.norm());
     }
   }
-  const auto said = [](Cause cause, const std::string& what, int number) {
+  const auto said = [](const AlternativeReading& found, const std::string& what, int number) {
+    std::vector<NamedFigure> figures = found.figures;
+    figures.push_back({"repeat", static_cast<double>(number)});
     return AlternativeReading{
-        .cause = cause,
+        .cause = found.cause,
+        .subjects = found.subjects,
+        .figures = std::move(figures),
         .message = fmt::format("in repeat {} {} than in the first one of the same configurations; they are no repeats: "
                                "calibrate with one part",
                                number, what)};
   };
   for (const auto& [key, rows] : of_stations) {
     if (const Displacement found = displacement_of(rows, false); found.explains) {
-      return said(Cause::moved_base,
+      const double step = found.x.head<3>().norm();
+      const double turn = found.x.tail<3>().norm();
+      return said({.cause = Cause::moved_base,
+                   .subjects = {{SubjectKind::station, measurements.stations[key.first]}},
+                   .figures = {{"estimate", step}, {"turn", turn}}},
                   fmt::format("the base or the measuring device stands elsewhere (by {} and {:.3g} mrad)",
-                              said_length(found.x.head<3>().norm()), found.x.tail<3>().norm() * 1e3),
+                              said_length(step), turn * 1e3),
                   key.second);
     }
   }
-  return moved.empty() ? std::nullopt
-                       : std::optional(said(Cause::moved_target,
-                                            (moved.size() == 1 ? "target " : "targets ") + comma_separated(moved) +
-                                                (moved.size() == 1 ? " is" : " are") + " elsewhere on the flange (by " +
-                                                said_length(largest) + ")",
-                                            repeat));
+  if (moved.empty()) {
+    return std::nullopt;
+  }
+  return said({.cause = Cause::moved_target,
+               .subjects = subjects_named(SubjectKind::target, moved),
+               .figures = {{"estimate", largest}}},
+              (moved.size() == 1 ? "target " : "targets ") + comma_separated(all_shown(moved)) +
+                  (moved.size() == 1 ? " is" : " are") + " elsewhere on the flange (by " + said_length(largest) + ")",
+              repeat);
 }
 
 }  // namespace kdl_calibration

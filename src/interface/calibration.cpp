@@ -60,7 +60,8 @@ CalibrationParts summary_of(const CalibrationResult& result) {
                             .region = result.uncertainty.predicted.region}};
   summary.verdict = result.verdict();
   summary.doubts = diagnosis.reservation ? std::vector<Doubt>{*diagnosis.reservation} : diagnosis.doubts;
-  summary.warnings = diagnosis.warnings;
+  summary.warnings = messages_of(diagnosis.remarks);
+  summary.remarks = diagnosis.remarks;
   summary.accuracy = result.accuracy;
   summary.parameters = result.uncertainty.parameters;
   summary.shifts = result.uncertainty.shifts;
@@ -195,6 +196,7 @@ Calibration::Calibration(std::shared_ptr<const CalibrationParts> parts) : parts_
 Verdict Calibration::verdict() const { return parts_->verdict; }
 const std::vector<Doubt>& Calibration::doubts() const { return parts_->doubts; }
 const std::vector<std::string>& Calibration::warnings() const { return parts_->warnings; }
+const std::vector<Remark>& Calibration::remarks() const { return parts_->remarks; }
 const Accuracy& Calibration::accuracy() const { return parts_->accuracy; }
 const std::vector<ParameterEstimate>& Calibration::parameters() const { return parts_->parameters; }
 std::vector<std::string> Calibration::estimated() const { return parts_->free.names(); }

@@ -58,7 +58,7 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
       continue;
     }
     if (reading.doubt) {
-      errors.doubts.push_back({.cause = reading.cause, .message = reading.message});
+      errors.doubts.push_back(reading.as_doubt());
     } else {
       errors.warnings.push_back(reading.message);
     }
@@ -103,6 +103,7 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
   if (errors.doubts.empty() && registration.rms > kAbsurd * arm_length(model)) {
     errors.doubts.push_back(
         {.cause = Cause::large_misfit,
+         .figures = {{"misfit", registration.rms}, {"reach", arm_length(model)}},
          .message = fmt::format("a misfit of {:.1f} mm is more than geometric errors explain; are units, signs and "
                                 "order of the joints right?",
                                 registration.rms * 1e3)});

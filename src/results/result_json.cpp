@@ -167,10 +167,38 @@ Json influence_json(const Influence& influence, const Measurements& measurements
           {"configurations", configurations}};
 }
 
+Json subjects_json(const std::vector<Subject>& subjects) {
+  Json result = Json::array();
+  for (const Subject& subject : subjects) {
+    result.push_back({{"kind", to_string(subject.kind)}, {"name", subject.name}});
+  }
+  return result;
+}
+
+Json figures_json(const std::vector<NamedFigure>& figures) {
+  Json result = Json::object();
+  for (const NamedFigure& figure : figures) {
+    result[figure.name] = finite_or_null(figure.value);
+  }
+  return result;
+}
+
 Json doubts_json(const std::vector<Doubt>& doubts) {
   Json result = Json::array();
   for (const Doubt& doubt : doubts) {
-    result.push_back({{"cause", to_string(doubt.cause)}, {"message", doubt.message}});
+    result.push_back({{"cause", to_string(doubt.cause)},
+                      {"message", doubt.message},
+                      {"subjects", subjects_json(doubt.subjects)},
+                      {"figures", figures_json(doubt.figures)}});
+  }
+  return result;
+}
+
+// Without the messages, which are the warnings.
+Json remarks_json(const std::vector<Remark>& remarks) {
+  Json result = doubts_json(remarks);
+  for (Json& remark : result) {
+    remark.erase("message");
   }
   return result;
 }
@@ -486,7 +514,8 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["residuals"] = residuals_json(measurements, calibration);
   result["held_out_points"] = held_out_points_json(measurements, calibration);
   result["difference_to_kdl"] = calibration.difference_to_kdl;
-  result["warnings"] = calibration.diagnosis.warnings;
+  result["warnings"] = messages_of(calibration.diagnosis.remarks);
+  result["remarks"] = remarks_json(calibration.diagnosis.remarks);
   result["provenance"] = provenance_json(provenance);
   result["hashes"] = tree::hashes(result);
   return result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // file names may not be UTF-8

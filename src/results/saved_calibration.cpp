@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <numbers>
 #include <set>
 #include <utility>
 
 #include "base/json_tree.hpp"
+#include "base/number_range.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
@@ -49,9 +49,7 @@ std::vector<Node> optional_elements(const Node& object, const std::string& key) 
 }
 
 // Null stands for infinity: not determined.
-double number_or_infinity(const Node& node) {
-  return node.json.is_null() ? std::numeric_limits<double>::infinity() : number(node);
-}
+double number_or_infinity(const Node& node) { return node.json.is_null() ? kInfinity : number(node); }
 
 // A number of 0 or more; null stands for infinity.
 double not_negative(const Node& node) {
@@ -185,13 +183,60 @@ void read_covariance(const Node& block, CalibrationParts& saved) {
   }
 }
 
-Doubt doubt_of(const Node& node) {
+std::vector<Subject> subjects_of(const Node& doubt) {
+  std::vector<Subject> subjects;
+  for (const Node& node : optional_elements(doubt, "subjects")) {
+    const Node kind = member(node, "kind");
+    const std::optional<SubjectKind> known = subject_kind_named(tree::name(kind));
+    if (!known) {
+      fail(kind, "a kind of subject that calibrate writes");
+    }
+    subjects.push_back({.kind = *known, .name = tree::name(member(node, "name"))});
+  }
+  return subjects;
+}
+
+std::vector<NamedFigure> figures_of(const Node& doubt) {
+  std::vector<NamedFigure> figures;
+  if (has(doubt, "figures")) {
+    const Node block = member(doubt, "figures");
+    for (const auto& [name, value] : block.json.items()) {
+      if (!value.is_null() && !value.is_number()) {
+        fail(member(block, name), "a number or null");
+      }
+      figures.push_back({.name = name, .value = value.is_null() ? kInfinity : value.get<double>()});
+    }
+  }
+  return figures;
+}
+
+// A doubt or a remark; its message is elsewhere if it is a remark.
+Doubt doubt_of(const Node& node, const std::string& message) {
   const std::string name = tree::name(member(node, "cause"));
   const std::optional<Cause> cause = cause_named(name);
   if (!cause) {
     throw InputError(node.where + ": cause: " + shown(name) + " is unknown, expected one that calibrate writes");
   }
-  return {.cause = *cause, .message = tree::name(member(node, "message"))};
+  return {.cause = *cause, .subjects = subjects_of(node), .figures = figures_of(node), .message = message};
+}
+
+Doubt doubt_of(const Node& node) { return doubt_of(node, tree::name(member(node, "message"))); }
+
+// Files of version 0.1 state the warnings alone.
+void read_remarks(const Node& top, CalibrationParts& saved) {
+  for (const Node& node : optional_elements(top, "warnings")) {
+    saved.warnings.push_back(tree::name(node));
+  }
+  if (!has(top, "remarks")) {
+    return;
+  }
+  const std::vector<Node> remarks = optional_elements(top, "remarks");
+  if (remarks.size() != saved.warnings.size()) {
+    fail(member(top, "remarks"), "one for each warning");
+  }
+  for (std::size_t i = 0; i < remarks.size(); ++i) {
+    saved.remarks.push_back(doubt_of(remarks[i], saved.warnings[i]));
+  }
 }
 
 void read_verdict(const Node& top, CalibrationParts& saved) {
@@ -207,9 +252,7 @@ void read_verdict(const Node& top, CalibrationParts& saved) {
     saved.verdict = Verdict::trusted_where_measured;
     saved.doubts.push_back(doubt_of(member(top, "reservation")));
   }
-  for (const Node& node : optional_elements(top, "warnings")) {
-    saved.warnings.push_back(tree::name(node));
-  }
+  read_remarks(top, saved);
 }
 
 ParameterEstimate estimate_of(const Node& node) {

@@ -20,6 +20,7 @@ struct CalibrationParts : PredictionBasis {
   Verdict verdict = Verdict::not_trusted;
   std::vector<Doubt> doubts;  ///< with the reservation
   std::vector<std::string> warnings;
+  std::vector<Remark> remarks;  ///< whose messages are the warnings; empty if the file states no causes
   Accuracy accuracy;
   std::vector<ParameterEstimate> parameters;
   Eigen::MatrixXd shifts;          ///< see Uncertainty; empty: unknown

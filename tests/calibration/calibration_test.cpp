@@ -103,7 +103,7 @@ TEST(Calibration, CompleteModelFitsAsWellBySmallerErrorsAndNamesItsGauge) {
     EXPECT_NEAR(complete.accuracy.train.after.rms, irreducible.accuracy.train.after.rms, 1e-9);
     EXPECT_TRUE(complete.fit.minimum_norm);
     EXPECT_FALSE(irreducible.fit.minimum_norm);
-    EXPECT_THAT(complete.diagnosis.warnings, Contains(HasSubstr("smallest errors that fit")));
+    EXPECT_THAT(messages_of(complete.diagnosis.remarks), Contains(HasSubstr("smallest errors that fit")));
     const auto size = [&](const CalibrationResult& found) {  // in units of the usual errors
       double squares = 0.0;
       for (std::size_t p = 0; p < s.model.parameters.size(); ++p) {
@@ -157,7 +157,7 @@ TEST(Calibration, WhatTheDataCannotTellIsHeldAtZeroAndPredictionsHold) {
     EXPECT_EQ(static_cast<int>(found.uncertainty.fixed_by_gauge.size()), data.columns - data.rank);
     ASSERT_FALSE(found.uncertainty.fixed_by_gauge.empty());
     EXPECT_THAT(
-        found.diagnosis.warnings,
+        messages_of(found.diagnosis.remarks),
         Contains(::testing::AllOf(HasSubstr("fixed by gauge"), HasSubstr(found.uncertainty.fixed_by_gauge.front()))));
     for (const std::string& name : found.uncertainty.fixed_by_gauge) {
       const auto parameter = std::find_if(found.uncertainty.parameters.begin(), found.uncertainty.parameters.end(),
@@ -403,7 +403,7 @@ void expect_defects_named_and_survived(std::uint64_t seeds, double largest_ratio
       CalibrationSettings robust = kQuick;
       robust.estimator.loss = Loss::tukey;
       const CalibrationResult found = calibrate(s.model, s.measured, robust);
-      EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr(defect.words))) << seed;
+      EXPECT_THAT(messages_of(found.diagnosis.remarks), Contains(HasSubstr(defect.words))) << seed;
       defect.squares += std::pow(held_out_rms(s, found.fit.identification.estimate, 200), 2);
     }
   }
@@ -750,7 +750,7 @@ TEST(CalibrationOnRealData, R2000iCNoiseAndLackOfFitAreThoseOfIndependentStudies
   }
   ASSERT_TRUE(found.noise.lack_of_fit.has_value());
   EXPECT_LT(found.noise.lack_of_fit->p_value, 1e-10);
-  EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("lack of fit")));
+  EXPECT_THAT(messages_of(found.diagnosis.remarks), Contains(HasSubstr("lack of fit")));
   EXPECT_EQ(found.noise.source, NoiseSource::parts);
   for (int axis = 0; axis < 3; ++axis) {
     EXPECT_NEAR(found.noise.common[axis], common[axis], 0.1 * common[axis]);

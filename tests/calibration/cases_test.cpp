@@ -65,8 +65,10 @@ TEST(CasesOnRealData, ALonelyRowHidesNoEffect) {
   ASSERT_TRUE(found.accuracy.test.has_value());
   EXPECT_LT(found.accuracy.test->after.rms, 8e-5);
   EXPECT_TRUE(found.trusted());
-  EXPECT_THAT(found.diagnosis.warnings, ::testing::Contains(HasSubstr("models were compared without 1 point")));
-  EXPECT_THAT(found.diagnosis.warnings, ::testing::Contains(HasSubstr("alone, which says hardly anything of the arm")));
+  EXPECT_THAT(messages_of(found.diagnosis.remarks),
+              ::testing::Contains(HasSubstr("models were compared without 1 point")));
+  EXPECT_THAT(messages_of(found.diagnosis.remarks),
+              ::testing::Contains(HasSubstr("alone, which says hardly anything of the arm")));
 }
 
 TEST(CasesOnRealData, ADriveBesideTheChainIsAJointOfTheFile) {

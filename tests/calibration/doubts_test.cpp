@@ -69,7 +69,7 @@ struct Found {
     return result;
   }
   std::vector<std::string> warned(const std::string& ambiguity = {}) const {
-    return warnings(calibration, calibration.diagnosis, measured, ambiguity);
+    return messages_of(remarks(calibration, calibration.diagnosis, measured, ambiguity));
   }
 };
 /// A change of that calibration, and words of all that is then said, in their order.
@@ -511,7 +511,7 @@ std::vector<std::string> causes_of(const CalibrationResult& found) {
 
 TEST(WarningsOfCalibrations, AreExactlyThoseOfTheCause) {
   for (const auto& [name, found, causes, warnings, termination] : scenarios()) {
-    expect_words(found.diagnosis.warnings, warnings, name);
+    expect_words(messages_of(found.diagnosis.remarks), warnings, name);
     EXPECT_EQ(causes_of(found), causes) << name;
     EXPECT_EQ(found.fit.identification.termination, termination) << name;
     EXPECT_EQ(found.trusted(), causes.empty()) << name;
@@ -521,7 +521,7 @@ TEST(WarningsOfCalibrations, AreExactlyThoseOfTheCause) {
 }
 
 TEST(WarningsOfCalibrations, OfTheRegistrationAreHandedOn) {
-  EXPECT_THAT(with_one_moving_joint().diagnosis.warnings,
+  EXPECT_THAT(messages_of(with_one_moving_joint().diagnosis.remarks),
               Contains("registration: the configurations leave a rotation of the base undetermined"));
 }
 
@@ -549,7 +549,8 @@ TEST(DoubtsOfCalibrations, WhereOnlyTheEffectsHelpTheUrdfIsTheOneThatWasRead) {
   const CalibrationResult found = series.calibrated({.selection = {.effects = {.groups = {EffectGroup::harmonics}}}});
   EXPECT_TRUE(found.trusted());
   EXPECT_TRUE(found.exported.nominal_kept);
-  EXPECT_THAT(found.diagnosis.warnings, Contains(HasSubstr("the geometry is no better than the nominal robot")));
+  EXPECT_THAT(messages_of(found.diagnosis.remarks),
+              Contains(HasSubstr("the geometry is no better than the nominal robot")));
 }
 
 TEST(WarningsOfCalibrations, OfMoreThanTwentyThousandRowsComeFromDistancesAlone) {
@@ -842,9 +843,9 @@ TEST(Mistakes, AStationWithOtherNoiseIsNamed) {
     const CalibrationResult found = calibrate(m.model, m.data);
     EXPECT_TRUE(found.trusted()) << said(found);
     EXPECT_EQ(::testing::Matches(::testing::Contains(HasSubstr("the residuals of station 'far' are ")))(
-                  found.diagnosis.warnings),
+                  messages_of(found.diagnosis.remarks)),
               times > 1.0)
-        << ::testing::PrintToString(found.diagnosis.warnings);
+        << ::testing::PrintToString(messages_of(found.diagnosis.remarks));
   }
 }
 
@@ -859,8 +860,8 @@ TEST(Mistakes, AnArmWithoutErrorsThatWasMeasuredWithoutNoiseIsTrusted) {
     EXPECT_TRUE(found.trusted()) << "seed " << seed << "\n" << said(found);
     kept += found.exported.nominal_kept ? 1U : 0U;
     EXPECT_EQ(found.exported.nominal_kept,
-              ::testing::Matches(::testing::Contains(
-                  ::testing::HasSubstr("the nominal robot is kept because it is exact")))(found.diagnosis.warnings))
+              ::testing::Matches(::testing::Contains(::testing::HasSubstr(
+                  "the nominal robot is kept because it is exact")))(messages_of(found.diagnosis.remarks)))
         << "seed " << seed;
   }
   EXPECT_GT(kept, 0U);

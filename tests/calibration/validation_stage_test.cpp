@@ -274,8 +274,8 @@ TEST(HeldOut, IsNothingWhereTheRestWouldNotSuffice) {
     s.measure_at(q.leftCols(count));
     const CalibrationResult found = s.calibrated();
     EXPECT_EQ(found.accuracy.held_out() != nullptr, enough) << count;
-    EXPECT_EQ(std::count_if(found.diagnosis.warnings.begin(), found.diagnosis.warnings.end(),
-                            [](const std::string& warning) { return warning.rfind("too few measurements", 0) == 0; }),
+    EXPECT_EQ(std::count_if(found.diagnosis.remarks.begin(), found.diagnosis.remarks.end(),
+                            [](const Remark& remark) { return remark.cause == Cause::nothing_left_out; }),
               enough ? 0 : 1)
         << count;
   }
@@ -288,8 +288,9 @@ TEST(HeldOut, IsNothingWhereTheRestLeavesTheParametersOpen) {
   s.measure_at(s.configurations(4));
   const CalibrationResult found = s.calibrated();
   EXPECT_EQ(found.accuracy.held_out(), nullptr);
-  EXPECT_THAT(found.diagnosis.warnings, ::testing::Contains(::testing::HasSubstr("12 of 12 left-out points are not "
-                                                                                 "counted")));
+  EXPECT_THAT(messages_of(found.diagnosis.remarks),
+              ::testing::Contains(::testing::HasSubstr("12 of 12 left-out points are not "
+                                                       "counted")));
 }
 
 // Without its only configuration nobody knows where the fourth target is, but the other three are known.
@@ -300,7 +301,7 @@ TEST(HeldOut, LeavesOutOfTheCountOnlyWhatTheRestLeavesOpen) {
   s.measured.observations.push_back(s.measured.observations[6 * 3]);
   s.measured.observations.back().target = 3;
   const CalibrationResult found = s.calibrated();
-  EXPECT_THAT(found.diagnosis.warnings,
+  EXPECT_THAT(messages_of(found.diagnosis.remarks),
               ::testing::Contains(::testing::HasSubstr("1 of 61 left-out points are not counted")));
   ASSERT_TRUE(found.accuracy.leave_one_out);
   EXPECT_EQ(found.accuracy.leave_one_out->after.count, 60);

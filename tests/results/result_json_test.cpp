@@ -275,8 +275,14 @@ Case made_up() {
                                .targets = {"A", "B"},
                                .amount = 0.1,
                                .message = "swapped"}};
-  found.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "doubted"}};
-  found.diagnosis.warnings = {"one", "another"};
+  found.diagnosis.doubts = {{.cause = Cause::not_converged,
+                             .subjects = {{SubjectKind::target, "A"}, {SubjectKind::configuration, "first"}},
+                             .figures = {{"misfit", 0.5}, {"estimate", std::numeric_limits<double>::infinity()}},
+                             .message = "doubted"}};
+  found.diagnosis.remarks = {{.cause = Cause::lack_of_fit, .figures = {{"p_value", 0.25}}, .message = "one"},
+                             {.cause = Cause::held_by_gauge,
+                              .subjects = subjects_named(SubjectKind::parameter, {"Tz3"}),
+                              .message = "another"}};
   found.fit.robust.weights = {0.25, 0.5};
   found.difference_to_kdl = 1e-15;
   found.uncertainty.predicted.measured = made(23);
@@ -336,15 +342,19 @@ TEST(ResultJson, IsWrittenAsItStandsHere) {
       "sha256": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad", "measurements": "points.csv",
       "observations": 2, "method": "joint", "model": "irreducible"})"));
   Json single;
-  for (const char* key :
-       {"termination", "message", "trusted", "iterations", "rank", "condition", "history", "singular_values", "weights",
-        "difference_to_kdl", "fixed_by_gauge", "warnings", "doubts", "tied", "weak", "observability", "priors"}) {
+  for (const char* key : {"termination", "message", "trusted", "iterations", "rank", "condition", "history",
+                          "singular_values", "weights", "difference_to_kdl", "fixed_by_gauge", "warnings", "remarks",
+                          "doubts", "tied", "weak", "observability", "priors"}) {
     single[key] = result[key];
   }
   EXPECT_EQ(single, Json::parse(R"({"termination": "stalled", "message": "stands", "trusted": false, "iterations": 7,
       "rank": 21, "condition": 55.5, "history": [0.5, 0.25], "singular_values": [4.0, 2.0], "weights": [0.25, 0.5],
       "difference_to_kdl": 1e-15, "fixed_by_gauge": ["Tz3"], "warnings": ["one", "another"],
-      "doubts": [{"cause": "not_converged", "message": "doubted"}], "tied": [["dq2"], ["Tx1", "Ry1"]],
+      "remarks": [{"cause": "lack_of_fit", "subjects": [], "figures": {"p_value": 0.25}},
+                  {"cause": "held_by_gauge", "subjects": [{"kind": "parameter", "name": "Tz3"}], "figures": {}}],
+      "doubts": [{"cause": "not_converged", "message": "doubted",
+                  "subjects": [{"kind": "target", "name": "A"}, {"kind": "configuration", "name": "first"}],
+                  "figures": {"misfit": 0.5, "estimate": null}}], "tied": [["dq2"], ["Tx1", "Ry1"]],
       "weak": [["Rz3", "A.x"]], "observability": {"O1": 1.5, "O2": 2.5, "O3": 3.5, "O4": 4.5, "O5": 5.5},
       "priors": {"length": 0.01, "angle": 0.02}})"));
   EXPECT_EQ(result["tried"], Json::parse(R"([{"priors": {"length": 0.03, "angle": 0.04}, "effects": ["gravity", "gain"],

@@ -113,18 +113,76 @@ TEST(SavedCalibration, HasTheEstimateToTheLastBit) {
   EXPECT_TRUE(read.covariance == Eigen::MatrixXd(C.selfadjointView<Eigen::Lower>()));
 }
 
+void expect_same(const std::vector<Doubt>& read, const std::vector<Doubt>& wrote) {
+  ASSERT_EQ(read.size(), wrote.size());
+  for (std::size_t i = 0; i < wrote.size(); ++i) {
+    EXPECT_EQ(read[i].cause, wrote[i].cause) << wrote[i].message;
+    EXPECT_EQ(read[i].subjects, wrote[i].subjects) << wrote[i].message;
+    EXPECT_EQ(read[i].figures, wrote[i].figures) << wrote[i].message;
+    EXPECT_EQ(read[i].message, wrote[i].message);
+  }
+}
+
 TEST(SavedCalibration, KeepsDoubtsAndWhatIsNotDetermined) {
   CalibrationResult doubted = written().calibration;
-  doubted.diagnosis.doubts = {{.cause = Cause::not_converged, .message = "it moves"}};
+  doubted.diagnosis.doubts = {{.cause = Cause::not_converged,
+                               .subjects = {{SubjectKind::station, "S1"}, {SubjectKind::coordinate, "z"}},
+                               .figures = {{"misfit", 0.1}, {"moves", std::numeric_limits<double>::infinity()}},
+                               .message = "it moves"}};
+  doubted.diagnosis.remarks = {{.cause = Cause::few_data, .figures = {{"degrees_of_freedom", 7.5}}, .message = "few"},
+                               {.cause = Cause::held_by_gauge,
+                                .subjects = subjects_named(SubjectKind::parameter, {"dq1", "A.x"}),
+                                .message = "held"}};
   doubted.uncertainty.covariance(3, 3) = std::numeric_limits<double>::infinity();
   const CalibrationParts read =
       parse_calibration(result_json(written().robot, written().measured, doubted), written().robot);
   EXPECT_EQ(read.verdict, Verdict::not_trusted);
-  ASSERT_EQ(read.doubts.size(), 1U);
-  EXPECT_EQ(read.doubts[0].cause, Cause::not_converged);
-  EXPECT_EQ(read.doubts[0].message, "it moves");
+  expect_same(read.doubts, doubted.diagnosis.doubts);
+  expect_same(read.remarks, doubted.diagnosis.remarks);
+  EXPECT_EQ(read.warnings, (std::vector<std::string>{"few", "held"}));
   EXPECT_TRUE(std::isinf(read.covariance(3, 3)));
   EXPECT_TRUE(std::isfinite(read.covariance(4, 4)));
+}
+
+TEST(SavedCalibration, OfAnEarlierVersionStatesNoCausesOfItsWarnings) {
+  const std::string earlier = edited_without_hashes([](Json& r) {
+    r["warnings"] = Json::array({"one"});
+    r.erase("remarks");
+    r["trusted"] = false;
+    r["doubts"] = Json::array({Json{{"cause", "drift"}, {"message", "b"}}});
+  });
+  const CalibrationParts read = parse_calibration(earlier, written().robot);
+  EXPECT_EQ(read.warnings, std::vector<std::string>{"one"});
+  EXPECT_TRUE(read.remarks.empty());
+  expect_same(read.doubts, {{.cause = Cause::drift, .message = "b"}});
+}
+
+TEST(SavedCalibration, WithRemarksOrFiguresThatNobodyWritesIsRefused) {
+  const auto fault = [](const Json& remark) {
+    return refusal(edited_without_hashes([&](Json& r) {
+                     r["warnings"] = Json::array({"one"});
+                     r["remarks"] = Json::array({remark});
+                   }),
+                   written().robot);
+  };
+  const Json sound = {{"cause", "few_data"}, {"subjects", Json::array()}, {"figures", {{"degrees_of_freedom", 1e300}}}};
+  const auto with = [&](const char* key, const Json& value) {
+    Json remark = sound;
+    remark[key] = value;
+    return fault(remark);
+  };
+  EXPECT_EQ(fault(sound), kTaken);
+  EXPECT_THAT(with("cause", "bad luck"), HasSubstr("r.json: remarks[0]: cause: 'bad luck' is unknown"));
+  EXPECT_EQ(with("subjects", Json::array({Json{{"kind", "robot"}, {"name", "R1"}}})),
+            "r.json: remarks[0]: subjects[0]: kind: expected a kind of subject that calibrate writes");
+  EXPECT_EQ(with("figures", Json::object({{"misfit", "large"}})),
+            "r.json: remarks[0]: figures: misfit: expected a number or null");
+  EXPECT_EQ(refusal(edited_without_hashes([&](Json& r) {
+                      r["warnings"] = Json::array({"one", "two"});
+                      r["remarks"] = Json::array({sound});
+                    }),
+                    written().robot),
+            "r.json: remarks: expected one for each warning");
 }
 
 TEST(SavedCalibration, KeepsTheNoiseOfATracker) {
