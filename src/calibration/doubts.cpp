@@ -537,7 +537,7 @@ Remarks said_of_stations(const CalibrationResult& found, const Measurements& mea
   }
   return {{.cause = Cause::unlike_stations,
            .subjects = subjects_named(SubjectKind::station, {most->name, least->name}),
-           .figures = {{"noise_ratio", ratio}, {"sigma", most->sigma()}, {"least_sigma", least->sigma()}},
+           .figures = {{"noise_ratio", ratio}, {"sigma", most->sigma()}},
            .message = fmt::format(
                "the residuals of station {} are {:.3g} times as large as those of station {} ({} and {} per "
                "coordinate), and all rows count alike; state the noise of each row in a column sigma[m]",

@@ -75,7 +75,15 @@ const std::set<std::string> kNumbers = {"rank",
                                         "directions",
                                         "largest_variance",
                                         "gravity_direction",
-                                        "tracker"};
+                                        "tracker",
+                                        "estimate_sigma",
+                                        "factor",
+                                        "factor_x",
+                                        "factor_y",
+                                        "factor_z",
+                                        "out_of",
+                                        "noise_ratio",
+                                        "prior_ratio"};
 
 // Names of its lengths and angles.
 const std::set<std::string> kQuantities = {"rms",         "mean",        "p95",           "max",
@@ -90,7 +98,9 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "valid_range", "joints",      "of_parameters", "length_sigma",
                                            "of_point",    "of_repeat",   "of_misfit",     "add_if_only_these",
                                            "change",      "size",        "rms_upper_95",  "of_assumptions",
-                                           "moves",       "expanded"};
+                                           "moves",       "expanded",    "moved_points",  "misfit_without",
+                                           "turn",        "radius",      "moved_flange",  "geometry_alone",
+                                           "reach",       "test_rms",    "uncertainty",   "turn_sigma"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",
@@ -151,7 +161,11 @@ const std::set<std::string> kGroups = {"position_error",
                                        "undetermined",
                                        "prior_result",
                                        "changes",
-                                       "flange"};
+                                       "flange",
+                                       "doubts",
+                                       "reservation",
+                                       "remarks",
+                                       "figures"};
 
 bool is_index(const std::string& key) { return parsed_number(key).has_value(); }
 
