@@ -365,12 +365,12 @@ ModelSelection chosen_model(const ModelSelectionTask& choice, const DeterminedFi
   ModelSelection selection =
       select_model(choice, rigid.identification, determines_arm(rigid), options.estimator.method);
   if (!are_points_of_one_station(measurements)) {
-    selection.not_tried += selection.not_tried.empty() ? "" : "; ";
-    selection.not_tried +=
+    selection.not_tried.push_back(
         has_single_coordinates(measurements)
-            ? "checks of repeats and of typing errors in rows that are no whole points, parts of the "
-              "noise, other readings of the joints (single coordinates)"
-            : "other readings of the joints (several stations)";
+            ? NotTried{"checks of repeats and of typing errors in rows that are no whole points, parts of the noise, "
+                       "other readings of the joints",
+                       "single coordinates"}
+            : NotTried{"other readings of the joints", "several stations"});
   }
   if (earlier) {
     selection.terms = options.selection.earlier->terms;

@@ -41,6 +41,14 @@ Json array_or_null(const Eigen::Vector3d& v) { return v.allFinite() ? array(v) :
 
 }  // namespace
 
+std::string in_words(const std::vector<NotTried>& choices) {
+  std::string text;
+  for (const NotTried& choice : choices) {
+    text += (text.empty() ? "" : "; ") + choice.what + " (" + choice.why + ")";
+  }
+  return text;
+}
+
 Json files_json(const std::vector<HashedFile>& files) {
   Json result = Json::array();
   for (const HashedFile& file : files) {

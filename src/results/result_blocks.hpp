@@ -1,6 +1,6 @@
 #pragma once
 
-// JSON blocks of the result.
+// Blocks of the result: JSON, and words that the table shares with it.
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -36,6 +36,9 @@ Json held_out_points_json(const Measurements& measurements, const CalibrationRes
 
 /// Accuracy of the exported URDF without effects.
 Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration);
+
+/// "gravity, gain (20 configurations needed); tables (50 configurations needed)"
+std::string in_words(const std::vector<NotTried>& choices);
 
 Json files_json(const std::vector<HashedFile>& files);
 Json provenance_json(const Provenance& provenance);

@@ -289,7 +289,7 @@ void add_details(const CalibrationResult& calibration, const Measurements& measu
   result["priors"] = priors_json(calibration.selection.priors);
   result["tried"] = tried_json(calibration.selection.tried);
   if (!calibration.selection.not_tried.empty()) {
-    result["not_tried"] = calibration.selection.not_tried;
+    result["not_tried"] = in_words(calibration.selection.not_tried);
   }
   if (const auto& continued = calibration.selection.continued) {
     result["prior_result"] = earlier_json(continued->comparison);

@@ -19,6 +19,7 @@
 #include "model/parameters.hpp"
 #include "results/effect_findings.hpp"
 #include "results/joint_offsets.hpp"
+#include "results/result_blocks.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -128,7 +129,7 @@ void add_figures(const CalibrationResult& calibration, std::string& text) {
                     0, 2);
   }
   if (!calibration.selection.not_tried.empty()) {
-    text += wrapped("not tried: " + calibration.selection.not_tried, 0, 2);
+    text += wrapped("not tried: " + in_words(calibration.selection.not_tried), 0, 2);
   }
 }
 

@@ -28,7 +28,7 @@ std::vector<EffectGroup> groups_allowed(Index configurations) {
   return result;
 }
 
-std::string groups_not_allowed(Index configurations) {
+std::vector<NotTried> groups_not_allowed(Index configurations) {
   std::map<Index, std::string> groups;
   const auto add = [&](EffectGroup group, Index needed) {
     if (configurations < needed) {
@@ -40,11 +40,11 @@ std::string groups_not_allowed(Index configurations) {
     add(group, needed);
   }
   add(EffectGroup::ripple, kLeastForRipple);
-  std::string text;
+  std::vector<NotTried> result;
   for (const auto& [needed, names] : groups) {
-    text += (text.empty() ? "" : "; ") + names + " (" + std::to_string(needed) + " configurations needed)";
+    result.push_back({.what = names, .why = std::to_string(needed) + " configurations needed"});
   }
-  return text;
+  return result;
 }
 
 }  // namespace kdl_calibration

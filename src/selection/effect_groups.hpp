@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
+#include "selection/model_selection.hpp"
 
 namespace kdl_calibration {
 
@@ -22,7 +23,7 @@ constexpr Eigen::Index kLeastForTables = 50;
 
 /// The groups besides ripple that `configurations` suffice for, in the order of EffectGroup.
 std::vector<EffectGroup> groups_allowed(Eigen::Index configurations);
-/// "tables (50 configurations needed)": the groups that they do not suffice for; empty if none.
-std::string groups_not_allowed(Eigen::Index configurations);
+/// The groups that they do not suffice for, by the number that they need.
+std::vector<NotTried> groups_not_allowed(Eigen::Index configurations);
 
 }  // namespace kdl_calibration

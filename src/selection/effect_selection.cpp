@@ -252,15 +252,17 @@ private:
     return static_cast<Index>(std::ceil(kEquations * unknowns * static_cast<double>(configurations()) / equations));
   }
 
-  std::string groups_not_tried(const Route& route) const {
-    std::string text = groups_not_allowed(configurations());
+  std::vector<NotTried> groups_not_tried(const Route& route) const {
+    std::vector<NotTried> result = groups_not_allowed(configurations());
     for (const EffectOption& option : route.left) {
       if (const Index needed = configurations_for(route.model, option); needed > configurations()) {
-        text += fmt::format("{}{} ({} configurations needed beside {})", text.empty() ? "" : "; ", option.name, needed,
-                            route.model.names.empty() ? "the geometry" : comma_separated(route.model.names));
+        const std::vector<std::string>& names = route.model.names;
+        result.push_back({.what = option.name,
+                          .why = fmt::format("{} configurations needed beside {}", needed,
+                                             names.empty() ? "the geometry" : comma_separated(names))});
       }
     }
-    return text;
+    return result;
   }
 
   // Tables can imitate nearly every other effect. If they were added before other helpful groups, a second route adds
@@ -432,18 +434,18 @@ ModelSelection select_model(const ModelSelectionTask& task, const Identification
   }
   const bool automatic = task.options.automatic_priors || task.options.effects.automatic;
   if (!has_converged(rigid)) {
-    as_stated.not_tried = "priors and effects (the fit of the geometry alone did not converge)";
+    as_stated.not_tried = {{"priors and effects", "the fit of the geometry alone did not converge"}};
   } else if (automatic && task.measurements.stations.size() > 1 &&
              !can_be_left_out(task.measurements, make_folds(task.measurements, 0), 0)) {
-    as_stated.not_tried = "priors and effects (no configuration can be left out: each station needs all of its own)";
+    as_stated.not_tried = {
+        {"priors and effects", "no configuration can be left out: each station needs all of its own"}};
   } else {
     ModelSelectionOptions options = task.options;
     options.automatic_priors = options.automatic_priors && determined;
     ModelSelection selection = select_effects({task.model, task.measurements, task.optimum, task.free, options,
                                                task.fix, task.orientation_length, task.threads, task.progress});
     if (task.options.automatic_priors && !determined) {
-      selection.not_tried += (selection.not_tried.empty() ? "" : "; ");
-      selection.not_tried += "priors (they would hide what the measurements do not determine)";
+      selection.not_tried.push_back({"priors", "they would hide what the measurements do not determine"});
     }
     return selection;
   }

@@ -40,15 +40,21 @@ struct ModelOption {
   double evidence = 0.0;             ///< log likelihood of the sizes; compare only options of equal `sized`
 };
 
+/// Choices or checks that were not made.
+struct NotTried {
+  std::string what;  ///< "priors", "gravity, gain"
+  std::string why;
+};
+
 /// The selected effects and priors.
 struct ModelSelection {
   std::vector<EffectTerm> terms;  ///< with their sigmas
   Priors priors;
-  Priors rigid_priors;             ///< best for the model without effects
-  double noise = 0.0;              ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
-  std::vector<ModelOption> tried;  ///< best first; empty without a selection
-  std::string not_tried;           ///< priors and effects that were not tried, with the reason; empty if all were
-  std::size_t not_compared = 0;    ///< points of targets that occur in one fold only
+  Priors rigid_priors;              ///< best for the model without effects
+  double noise = 0.0;               ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
+  std::vector<ModelOption> tried;   ///< best first; empty without a selection
+  std::vector<NotTried> not_tried;  ///< empty if everything was tried
+  std::size_t not_compared = 0;     ///< points of targets that occur in one fold only
   /// Optimism of the held-out error due to the selection, see TriedModels; 1 if effects were requested by name.
   double optimism = 1.0;
   std::optional<ContinuedResult> continued = std::nullopt;  ///< of an earlier result

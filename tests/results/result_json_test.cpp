@@ -224,6 +224,7 @@ Case made_up() {
   found.uncertainty.fixed_by_gauge = {"Tz3"};
   found.uncertainty.observability = {.O1 = 1.5, .O2 = 2.5, .O3 = 3.5, .O4 = 4.5, .O5 = 5.5};
   found.selection.priors = {.length = 0.01, .angle = 0.02};
+  found.selection.not_tried = {{"gravity, gain", "20 configurations needed"}, {"priors", "too few data"}};
   found.selection.tried = {{.priors = {.length = 0.03, .angle = 0.04},
                             .effects = {"gravity", "gain"},
                             .sized = true,
@@ -357,6 +358,7 @@ TEST(ResultJson, IsWrittenAsItStandsHere) {
                   "figures": {"misfit": 0.5, "estimate": null}}], "tied": [["dq2"], ["Tx1", "Ry1"]],
       "weak": [["Rz3", "A.x"]], "observability": {"O1": 1.5, "O2": 2.5, "O3": 3.5, "O4": 4.5, "O5": 5.5},
       "priors": {"length": 0.01, "angle": 0.02}})"));
+  EXPECT_EQ(result["not_tried"], "gravity, gain (20 configurations needed); priors (too few data)");
   EXPECT_EQ(result["tried"], Json::parse(R"([{"priors": {"length": 0.03, "angle": 0.04}, "effects": ["gravity", "gain"],
       "sized": true, "held_out_rms": 0.05, "evidence": -6.5}, {"priors": {"length": 0.0, "angle": 0.0}, "effects": [],
       "sized": false, "held_out_rms": null, "evidence": 0.07}])"));
