@@ -355,7 +355,6 @@ Doubts of_rows(const CalibrationResult& found, const GrossRows& gross) {
   if (rows.empty()) {
     return {};
   }
-  std::vector<std::string> names;
   std::vector<std::string> words;
   std::vector<Subject> subjects;
   double largest = 0.0;
@@ -365,13 +364,8 @@ Doubts of_rows(const CalibrationResult& found, const GrossRows& gross) {
       subjects.push_back({SubjectKind::target, row.target});
     }
     largest = std::max(largest, row.distance);
-    names.push_back(row.configuration + (row.target.empty() ? "" : ":" + row.target));
     words.push_back("configuration " + row.configuration + (row.target.empty() ? "" : ", target " + row.target) +
                     " by " + in_millimetres(row.distance));
-  }
-  std::string list;
-  for (const std::string& name : names) {
-    list += (list.empty() ? "" : ",") + name;
   }
   return {{.cause = Cause::gross_rows,
            .subjects = std::move(subjects),
@@ -381,7 +375,7 @@ Doubts of_rows(const CalibrationResult& found, const GrossRows& gross) {
            .message = "not where all others put " + std::string(rows.size() == 1 ? "it" : "them") + ": " +
                       some_of(words) + "; without that the misfit is " + in_millimetres(gross.rms_without) +
                       ", with it " + in_millimetres(found.accuracy.train.after.rms) +
-                      "; check joint values and coordinates, or leave it out with --exclude '" + list + "'"}};
+                      "; check joint values and coordinates, or leave it out"}};
 }
 
 Doubts of_readings(const std::vector<AlternativeReading>& readings) {
@@ -421,8 +415,7 @@ Remark said_of_harmful_effects(const CalibrationResult& found) {
           .figures = {{"held_out_rms", held_out.after.rms}, {"geometry_alone", held_out.rigid->rms}},
           .message = "the effects make predictions worse: configurations left out of the fit are missed by " +
                      in_millimetres(held_out.after.rms) + " with the effects and by " +
-                     in_millimetres(held_out.rigid->rms) +
-                     " by the geometry alone; leave the effects out, or let --effects auto choose those that help"};
+                     in_millimetres(held_out.rigid->rms) + " by the geometry alone; leave the effects out"};
 }
 
 // None if the zero of the distances is not significant, or there are none.
@@ -488,7 +481,7 @@ Remarks said_of_urdf(const CalibrationResult& found) {
                .figures = {{"geometry_alone", errors->rigid->rms}, {"nominal", errors->before.rms}},
                .message = fmt::format(
                    "without the effects, which no URDF holds, the geometry is no better than the nominal robot ({} "
-                   "against {} {}){}; correct the commands instead (kdlcal compensate)",
+                   "against {} {}){}; correct the commands instead",
                    in_millimetres(errors->rigid->rms), in_millimetres(errors->before.rms),
                    errors == accuracy.held_out() ? "at left-out configurations" : "at the test rows",
                    found.exported.nominal_kept ? ": the URDF to write is the one that was read" : "")}};

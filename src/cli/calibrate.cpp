@@ -158,7 +158,29 @@ std::string plan_to_add(const CalibrationResult& calibration) {
              : "kdlcal plan --measured FILE --add N";
 }
 
-// Adds options of kdlcal that help against the doubt.
+// --exclude with all gross rows: "12,14:B"
+std::string excluded(const GrossRows& gross) {
+  std::string list;
+  for (const GrossRow& row : gross.rows) {
+    list += (list.empty() ? "" : ",") + row.configuration + (row.target.empty() ? "" : ":" + row.target);
+  }
+  return "--exclude '" + list + "'";
+}
+
+// Completes the messages that say what to do by how kdlcal does it.
+void name_ways(Diagnosis& diagnosis) {
+  const std::map<Cause, std::string> ways = {{Cause::gross_rows, " with " + excluded(diagnosis.gross_rows)},
+                                             {Cause::harmful_effects, ", or let --effects auto choose those that help"},
+                                             {Cause::urdf_without_effects, " (kdlcal compensate)"}};
+  for (std::vector<Doubt>* all : {&diagnosis.doubts, &diagnosis.remarks}) {
+    for (Doubt& doubt : *all) {
+      const auto found = ways.find(doubt.cause);
+      doubt.message += found != ways.end() ? found->second : "";
+    }
+  }
+}
+
+// Adds options of kdlcal that help against the doubt. The result does not state them.
 void name_options(Doubt& doubt, const std::string& plan) {
   const std::map<Cause, std::string> help = {
       {Cause::not_converged, "--iterations sets their number"},
@@ -300,6 +322,7 @@ ExitStatus run(const CalibrateArguments& arguments) {
     options.progress = [&](const std::string& what, std::size_t done, std::size_t of) { progress(what, done, of); };
     return fit(robot, measurements, options);
   }();
+  name_ways(calibration.diagnosis);
   const Provenance provenance = filled_beside_result(arguments, robot, measurements, calibration, files);
   const JudgedResult result = judged_result(result_json(robot, measurements, calibration, provenance), requirements);
   for (OutputFile& file : files) {

@@ -39,6 +39,13 @@ using testing::kHeight;
 using testing::kNoise;
 using testing::refusal;
 
+/// A doubt of this configuration alone, with all its targets.
+::testing::Matcher<const Doubt&> is_gross_row(const std::string& configuration) {
+  return ::testing::AllOf(
+      Field(&Doubt::cause, Cause::gross_rows),
+      Field(&Doubt::subjects, ::testing::ElementsAre(Subject{SubjectKind::configuration, configuration})));
+}
+
 // Each point as three rows, along the axes of a frame of its own.
 Measurements in_three_rows(const Measurements& points, Random& random) {
   Measurements result = points;
@@ -269,21 +276,23 @@ TEST(DistancesFromAnchors, ABlunderIsNamed) {
   Distances experiment(9);
   Measurements measurements = experiment.measured(3, false, 60, kNoise);
   EXPECT_TRUE(calibrate(bundled_robot(), measurements).trusted());
-  const auto expect_named = [](const Measurements& wrong, const std::string& target) {
+  const auto expect_named = [](const Measurements& wrong, const std::vector<std::string>& targets) {
     const Calibration found = calibrate(bundled_robot(), wrong);
     ASSERT_FALSE(found.doubts().empty());
-    EXPECT_THAT(found.doubts().front().message, HasSubstr("--exclude '" + wrong.configurations[20] + target + "'"));
+    EXPECT_EQ(found.doubts().front().cause, Cause::gross_rows);
+    EXPECT_EQ(found.doubts().front().names(SubjectKind::configuration), std::vector{wrong.configurations[20]});
+    EXPECT_EQ(found.doubts().front().names(SubjectKind::target), targets);
   };
   for (const double off : {0.001, 0.01, 0.3}) {
     Measurements wrong = measurements;
     std::get<Distance>(wrong.observations[60].reading).length += off;
-    expect_named(wrong, ":A");
+    expect_named(wrong, {"A"});
   }
   Measurements wrong = measurements;
   for (std::size_t row = 60; row < 63; ++row) {
     wrong.observations[row].station = 0;  // instead of 2
   }
-  expect_named(wrong, "");
+  expect_named(wrong, {});
 }
 
 // One target, so that the distances are not many more than the unknowns.
@@ -295,8 +304,7 @@ TEST(DistancesFromAnchors, ABlunderOfOneTargetIsNamed) {
   for (const double off : {0.001, 0.1}) {
     Measurements wrong = measurements;
     std::get<Distance>(wrong.observations[8].reading).length += off;
-    EXPECT_THAT(calibrate(bundled_robot(), wrong).doubts(),
-                Contains(Field(&Doubt::message, HasSubstr("--exclude '" + wrong.configurations[8] + "'"))));
+    EXPECT_THAT(calibrate(bundled_robot(), wrong).doubts(), Contains(is_gross_row(wrong.configurations[8])));
   }
 }
 
@@ -346,13 +354,12 @@ TEST(SingleCoordinates, AnEmptyCellLeavesTheChecksOfWholePoints) {
   Measurements moved = measurements;
   moved.joint_values(2, 20) += 0.01;
   const std::vector<Doubt> doubts = calibrate(bundled_robot(), moved).doubts();
-  EXPECT_THAT(doubts, Contains(Field(&Doubt::message, HasSubstr("--exclude '" + moved.configurations[20] + "'"))));
+  EXPECT_THAT(doubts, Contains(is_gross_row(moved.configurations[20])));
   EXPECT_EQ(doubts.size(), calibrate(bundled_robot(), whole_points(moved)).doubts().size());
   // Of the configuration with the empty cell one target alone may not be what is wrong.
   Measurements swapped = measurements;
   std::swap(swapped.observations[15].position(), swapped.observations[17].position());
-  EXPECT_THAT(calibrate(bundled_robot(), swapped).doubts(),
-              Contains(Field(&Doubt::message, HasSubstr("--exclude '" + swapped.configurations[5] + "'"))));
+  EXPECT_THAT(calibrate(bundled_robot(), swapped).doubts(), Contains(is_gross_row(swapped.configurations[5])));
 }
 
 TEST(SingleCoordinates, ASavedResultPredictsTheSameAndIsValidated) {
