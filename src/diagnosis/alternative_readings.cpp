@@ -214,11 +214,12 @@ private:
       return;
     }
     const std::string units = units_of_factor(factors[0]);
-    add_reading({.cause = units.empty() ? Cause::scale : Cause::length_unit,
-                 .words = fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
-                                      units.empty() ? kLengthsSetWrong : units),
-                 .figures = {{"factor", factors[0]}}},
-                left, registered_);
+    add_reading(
+        {.cause = units.empty() ? Cause::scale : Cause::length_unit,
+         .words = fmt::format("points that are {:.4g} times too far apart ({})", factors[0],
+                              units.empty() ? kLengthsSetWrong : units),
+         .figures = {units.empty() ? NamedFigure{"estimate", factors[0] - 1.0} : NamedFigure{"factor", factors[0]}}},
+        left, registered_);
   }
 
   void try_joint_values_and_points() {

@@ -50,14 +50,16 @@ Json without_provenance(Json result) {
   return result;
 }
 
-/// The result is the one of the library with this option set, to the last digit, and another one than without it.
+/// The result is the one of the library with this option set, to the last digit, and another one than without it. Only
+/// messages may name options of kdlcal as well.
 Check is_library(const Set& set, const std::string& file = "m.csv") {
   return [=](const Effect& effect) {
     CalibrationSettings options;
     options.threads = 1;
     set(options);
     const Json expected = Json::parse(library_result(effect.directory, file, options));
-    EXPECT_THAT(differences(without_provenance(expected), without_provenance(effect.with.json)), ::testing::IsEmpty());
+    EXPECT_THAT(differences(without_provenance(expected), without_provenance(effect.with.json)),
+                ::testing::Each(::testing::AnyOf("doubts/*/message", "warnings/*")));
     EXPECT_NE(effect.with.json, effect.without.json);
     EXPECT_TRUE(effect.with.files.empty());
   };
