@@ -114,6 +114,8 @@ struct Shared {
   std::vector<std::vector<Index>> folds = make_folds(data, 4);
   OptionError error{"noise", "is none", {"weights"}};
   Experiment experiment = nominal_experiment(model, estimate.frames.targets);
+  Doubt doubt{.subjects = {{SubjectKind::joint, "joint_2"}}, .figures = {{"misfit", 0.5}}};
+  AlternativeReading reading{.message = "they are feet"};
   TruthComparison comparison = compare_with_truth(model, estimate, start, data.joint_values);
 
   static Measured with_test_rows(Measured measured) {
@@ -254,6 +256,10 @@ std::vector<Asked> other_methods() {
       {"Calibration::verdict", [&] { return s.found.verdict(); }},
       {"Calibration::doubts", [&] { return s.found.doubts().size(); }},
       {"Calibration::warnings", [&] { return s.found.warnings(); }},
+      {"Calibration::remarks", [&] { return messages_of(s.found.remarks()); }},
+      {"Doubt::names", [&] { return s.doubt.names(SubjectKind::joint); }},
+      {"Doubt::figure", [&] { return s.doubt.figure("misfit").value(); }},
+      {"AlternativeReading::as_doubt", [&] { return s.reading.as_doubt().message; }},
       {"Calibration::accuracy", [&] { return s.found.accuracy().train.after.rms; }},
       {"Calibration::parameters", [&] { return s.found.parameters().size(); }},
       {"Calibration::parameter", [&] { return s.found.parameter("Tx1").value; }},

@@ -11,6 +11,7 @@
 #include <limits>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
@@ -293,6 +294,123 @@ TEST(WarningsByHand, WhatIsTiedIsNamedWhereNoPriorsToldItApart) {
                       f.calibration.fit.minimum_norm = true;
                     },
                     {"(Ry1, dq2) was set to the smallest errors that fit"}}});
+}
+
+/// A change of that calibration, and what the only doubt or remark about it names.
+struct Stated {
+  const char* name;
+  std::function<void(Found&)> change;
+  Cause cause;
+  std::vector<Subject> subjects;
+  std::vector<NamedFigure> figures;
+};
+
+void expect_stated(const std::vector<Stated>& all) {
+  for (const Stated& one : all) {
+    Found found;
+    one.change(found);
+    const Diagnosis& diagnosis = found.calibration.diagnosis;
+    std::vector<Doubt> stated = doubts(found.calibration, diagnosis, found.measured, found.options.parameters.model);
+    const std::vector<Remark> more = remarks(found.calibration, diagnosis, found.measured, {});
+    stated.insert(stated.end(), more.begin(), more.end());
+    std::erase_if(stated, [&](const Doubt& doubt) { return doubt.cause != one.cause; });
+    ASSERT_THAT(stated, SizeIs(1)) << one.name;
+    EXPECT_EQ(stated[0].subjects, one.subjects) << one.name;
+    EXPECT_EQ(stated[0].figures, one.figures) << one.name;
+  }
+}
+
+using About = SubjectKind;
+
+TEST(DoubtsByHand, NameWhatTheyConcernAndTheirNumbers) {
+  const auto estimate = [](const ParameterEstimate& parameter) {
+    return [=](Found& f) { f.calibration.uncertainty.parameters = {parameter}; };
+  };
+  const auto gross = [](Found& f) {
+    f.calibration.diagnosis.gross_rows = {
+        .rows = {{.configuration = "2", .target = "A", .distance = 0.01}, {.configuration = "3", .distance = 0.03}},
+        .rms_without = 5e-5};
+  };
+  const auto test_rows = [](Found& f) {
+    f.calibration.accuracy.leave_one_out = errors_of(1e-3, 1e-4);
+    f.calibration.accuracy.test = errors_of(1e-3, 4e-4);
+    f.calibration.uncertainty.predicted.tested = {.configurations = 10, .outside = 4, .p_value = 1e-4};
+  };
+  expect_stated({{"a joint at rest",
+                  [](Found& f) { move(f, 0.0, 1); },
+                  Cause::not_determined,
+                  {{About::parameter, "p"}, {About::joint, "joint_3"}},
+                  {}},
+                 {"an error beyond any robot's",
+                  estimate({.name = "Tx2", .joint = "joint_2", .error = -0.2, .std = 1e-5}),
+                  Cause::large_error,
+                  {{About::parameter, "Tx2"}, {About::joint, "joint_2"}},
+                  {{"error", -0.2}, {"std", 1e-5}}},
+                 {"an unknown length",
+                  estimate({.name = "Tz2", .std = 2.0}),
+                  Cause::unknown_length,
+                  {{About::parameter, "Tz2"}},
+                  {}},
+                 {"gross rows",
+                  gross,
+                  Cause::gross_rows,
+                  {{About::configuration, "2"}, {About::target, "A"}, {About::configuration, "3"}},
+                  {{"distance", 0.03}, {"misfit", 1e-4}, {"misfit_without", 5e-5}}},
+                 {"test rows",
+                  test_rows,
+                  Cause::test_rows_differ,
+                  {},
+                  {{"test_rms", 4e-4}, {"held_out_rms", 1e-4}, {"count", 4.0}, {"out_of", 10.0}, {"p_value", 1e-4}}},
+                 {"a robot that is worse",
+                  [](Found& f) { f.calibration.accuracy.k_fold = errors_of(1e-3, 2e-3); },
+                  Cause::nominal_kept,
+                  {},
+                  {{"held_out_rms", 2e-3}, {"nominal", 1e-3}}}});
+}
+
+TEST(WarningsByHand, NameWhatTheyConcernAndTheirNumbers) {
+  const auto outside = [](Found& f) {
+    f.measured.joint_values(1, 2) = 100.0;
+    f.measured.joint_values(4, 2) = -100.0;
+    f.measured.joint_values(4, 0) = -100.0;
+  };
+  const auto mistyped = [](Found& f) {
+    f.calibration.diagnosis.findings = {{.kind = QualityKind::mistyped_coordinate,
+                                         .configuration = "3",
+                                         .targets = {"A"},
+                                         .axis = 'y',
+                                         .amount = 0.01}};
+  };
+  const auto effects = [](Found& f) {
+    f.calibration.accuracy.leave_one_out = errors_of(2e-3, 3e-4);
+    f.calibration.accuracy.leave_one_out->rigid = ErrorStatistics{.count = 5, .rms = 2e-4};
+    f.calibration.model.effects = {{.name = "gravity.2"}, {.name = "gain.3"}};
+  };
+  expect_stated({{"limits",
+                  outside,
+                  Cause::outside_joint_limits,
+                  {{About::joint, "joint_2"}, {About::joint, "joint_5"}},
+                  {{"count", 2.0}, {"out_of", 3.0}}},
+                 {"a mistyped coordinate",
+                  mistyped,
+                  Cause::wrong_rows,
+                  {{About::configuration, "3"}, {About::target, "A"}, {About::coordinate, "y"}},
+                  {{"estimate", 0.01}}},
+                 {"harmful effects",
+                  effects,
+                  Cause::harmful_effects,
+                  {{About::effect, "gravity.2"}, {About::effect, "gain.3"}},
+                  {{"held_out_rms", 3e-4}, {"geometry_alone", 2e-4}}},
+                 {"the stated noise",
+                  [](Found& f) { f.calibration.noise.variance_factor = 2.25; },
+                  Cause::beyond_stated_noise,
+                  {},
+                  {{"noise_ratio", 1.5}}},
+                 {"the zero of distances",
+                  [](Found& f) { f.calibration.distance_zero = DistanceZero{.length = -0.002, .sigma = 1e-5}; },
+                  Cause::distances_corrected,
+                  {},
+                  {{"estimate", -0.002}, {"estimate_sigma", 1e-5}}}});
 }
 
 TEST(WarningsByHand, FindingsAndTheRegistrationAreHandedOn) {
@@ -593,6 +711,13 @@ std::string said(const CalibrationResult& found) {
   return text;
 }
 
+Doubt doubt_of(const CalibrationResult& found, Cause cause) {
+  const std::vector<Doubt>& all = found.diagnosis.doubts;
+  const auto first = std::find_if(all.begin(), all.end(), [&](const Doubt& doubt) { return doubt.cause == cause; });
+  EXPECT_NE(first, all.end()) << to_string(cause) << "\n" << said(found);
+  return first != all.end() ? *first : Doubt();
+}
+
 bool doubts_for(const CalibrationResult& found, const std::string& cause, const std::string& words) {
   return std::any_of(found.diagnosis.doubts.begin(), found.diagnosis.doubts.end(), [&](const Doubt& doubt) {
     return to_string(doubt.cause) == cause && doubt.message.find(words) != std::string::npos;
@@ -624,6 +749,43 @@ std::vector<Mistake> table() {
     all.insert(all.end(), more.begin(), more.end());
   }
   return all;
+}
+
+/// One mistake of each kind that concerns something, and that.
+TEST(Mistakes, AreNamedWithWhatTheyConcern) {
+  using About = SubjectKind;
+  const auto joint = [](std::size_t j) { return Subject{About::joint, large_arm().joints[j].name}; };
+  const std::vector<Mistake> of_points = point_mistakes();
+  const auto z_in_millimetres = std::find_if(of_points.begin(), of_points.end(),
+                                             [](const Mistake& mistake) { return mistake.name == "z in millimetres"; });
+  const std::vector<std::pair<Mistake, std::vector<Subject>>> all = {
+      {joint_times(4, -1.0, "joint_sign", ""), {joint(4)}},
+      {exchanged(1, 2), {joint(1), joint(2)}},
+      {*z_in_millimetres, {{About::coordinate, "z"}}},
+      {swapped_from(6), {{About::target, "A"}, {About::target, "B"}, {About::configuration, "7"}}}};
+  for (const auto& [mistake, subjects] : all) {
+    Measured m = measured(large_arm(), 1, mistake.draw);
+    mistake.make(m);
+    const CalibrationResult found = calibrate(m.model, m.data, kNothingHeldOut);
+    const Doubt doubt = doubt_of(found, cause_named(mistake.cause).value());
+    EXPECT_EQ(doubt.subjects, subjects) << mistake.name;
+    EXPECT_LT(3.0 * doubt.figure("misfit_without").value(), doubt.figure("misfit").value()) << mistake.name;
+  }
+}
+
+// By 2 mm along the flange's x.
+TEST(Mistakes, ASlippedTargetIsNamedWithItsSizeAndTheLastConfigurationBefore) {
+  Measured m = measured(large_arm(), 4);
+  for_rows(m, [&](Observation& o) {
+    if (o.configuration >= 12 && o.target == 0) {
+      o.position() += true_flange(m, o.configuration).linear() * Vector3d(0.002, 0.0, 0.0);
+    }
+  });
+  const CalibrationResult found = calibrate(m.model, m.data, kNothingHeldOut);
+  const Doubt doubt = doubt_of(found, Cause::moved_target);
+  EXPECT_EQ(doubt.names(SubjectKind::target), std::vector<std::string>{"A"});
+  EXPECT_EQ(doubt.names(SubjectKind::configuration), std::vector<std::string>{"12"});
+  EXPECT_NEAR(doubt.figure("estimate").value(), 0.002, 3.0 * doubt.figure("estimate_sigma").value()) << said(found);
 }
 
 /// Every so many-th mistake of the table, from the first one given.
@@ -795,6 +957,9 @@ TEST(Mistakes, FiguresOfGrossRowsAreThoseOfACalibrationWithoutThem) {
     const std::string& name = gross.rows.front().configuration;
     ASSERT_EQ(name, m.data.configurations[4]);
     EXPECT_NEAR(gross.rows.front().distance, kOff, 0.1 * kOff) << "seed " << seed;
+    const Doubt doubt = doubt_of(found, Cause::gross_rows);
+    EXPECT_EQ(doubt.names(SubjectKind::configuration), std::vector{name}) << "seed " << seed;
+    EXPECT_EQ(doubt.figure("misfit_without"), gross.rms_without) << "seed " << seed;
     const CalibrationResult without = calibrate(m.model, without_rows(m.data, {name}), kAutomatic);
     EXPECT_NEAR(gross.rms_without, without.accuracy.train.after.rms, 1e-9) << "seed " << seed;
   }
@@ -820,9 +985,13 @@ TEST(Mistakes, WhatMovedBetweenTwoRecordingsIsNamed) {
     });
     EXPECT_THAT(said(slipped), HasSubstr("target 'B' is elsewhere on the flange (by ")) << "seed " << seed;
     EXPECT_FALSE(slipped.trusted());
+    EXPECT_EQ(slipped.diagnosis.doubts.front().subjects, (std::vector<Subject>{{SubjectKind::target, "B"}}));
+    EXPECT_NEAR(slipped.diagnosis.doubts.front().figure("estimate").value(), 0.008, 1e-4) << "seed " << seed;
     const CalibrationResult moved =
         of(seed, [&](Measured& m) { second(m, [](const Observation&) { return Vector3d(0.001, 0.0, 0.0); }); });
     EXPECT_THAT(said(moved), HasSubstr("stands elsewhere (by ")) << "seed " << seed;
+    EXPECT_EQ(moved.diagnosis.doubts.front().figure("repeat"), 2.0) << "seed " << seed;
+    EXPECT_NEAR(moved.diagnosis.doubts.front().figure("estimate").value(), 0.001, 1e-4) << "seed " << seed;
     EXPECT_FALSE(moved.trusted());
   }
 }

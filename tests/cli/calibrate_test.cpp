@@ -15,6 +15,7 @@
 #include "cli_options_support.hpp"
 #include "cli_support.hpp"
 #include "effects/arm_kinematics.hpp"
+#include "estimation/prediction.hpp"
 #include "json_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -675,6 +676,77 @@ TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
   judged.erase("requirements");
   EXPECT_EQ(judged["hashes"].erase("requirements"), 1U);
   EXPECT_EQ(judged, json_of("plain.json"));
+}
+
+Json with_cause(const Json& found, Cause cause) {
+  const auto first =
+      std::find_if(found.begin(), found.end(), [&](const Json& one) { return one["cause"] == to_string(cause); });
+  EXPECT_NE(first, found.end()) << to_string(cause) << " is not among " << found;
+  return first != found.end() ? *first : Json();
+}
+
+Json subject(const char* kind, const std::string& name) { return {{"kind", kind}, {"name", name}}; }
+
+/// Subjects and figures as the file states them, of what is read back.
+void expect_read_back(const std::vector<Doubt>& read, const Json& written) {
+  ASSERT_EQ(read.size(), written.size());
+  for (std::size_t i = 0; i < read.size(); ++i) {
+    Json subjects = Json::array();
+    for (const Subject& one : read[i].subjects) {
+      subjects.push_back(subject(to_string(one.kind), one.name));
+    }
+    Json figures = Json::object();
+    for (const NamedFigure& figure : read[i].figures) {
+      figures[figure.name] = std::isfinite(figure.value) ? Json(figure.value) : Json(nullptr);
+    }
+    EXPECT_EQ(to_string(read[i].cause), written[i]["cause"]);
+    EXPECT_EQ(subjects, written[i]["subjects"]) << written[i];
+    EXPECT_EQ(figures, written[i]["figures"]) << written[i];
+  }
+}
+
+TEST_F(CalibrateResult, NamesAMistypedCoordinateForPrograms) {
+  Measurements mistyped = without_sigmas(VirtualExperiment().measure(20, {.sigma = 3e-5}));
+  mistyped.observations[40].position().y() += 0.01;
+  write("m.csv", measurements_csv(mistyped));
+  const Words require = {"--require", "doubts.0.figures.misfit_without<0.1mm"};
+  ASSERT_EQ(run(calibrate(words_of("--effects none --result r.json") + require)).status, 1);
+  const Json result = json_of("r.json");
+  EXPECT_EQ(result["requirements"][0]["fulfilled"], true);
+  const Json gross = with_cause(result["doubts"], Cause::gross_rows);
+  EXPECT_EQ(gross["subjects"], (Json{subject("configuration", "14"), subject("target", "B")}));
+  EXPECT_NEAR(gross["figures"]["distance"].get<double>(), 0.01, 1e-3);
+  EXPECT_THAT(gross["message"].get<std::string>(), ::testing::EndsWith(" leave it out with --exclude '14:B'"));
+  const Json wrong = with_cause(result["remarks"], Cause::wrong_rows);
+  EXPECT_EQ(wrong["subjects"],
+            (Json{subject("configuration", "14"), subject("target", "B"), subject("coordinate", "y")}));
+  EXPECT_NEAR(wrong["figures"]["estimate"].get<double>(), 0.01, 1e-3);
+  EXPECT_EQ(result["remarks"].size(), result["warnings"].size());
+  const CalibrationParts read = read_calibration(directory / "r.json", fanuc());
+  expect_read_back(read.doubts, result["doubts"]);
+  expect_read_back(read.remarks, result["remarks"]);
+  EXPECT_EQ(Json(messages_of(read.remarks)), result["warnings"]);
+}
+
+// 2 mm along the flange's x, behind the twelfth configuration.
+TEST_F(CalibrateResult, NamesASlippedTargetForPrograms) {
+  VirtualExperiment experiment;
+  Measurements slipped = without_sigmas(experiment.measure(30, {.sigma = 3e-5}));
+  const VirtualRobot& robot = experiment.robot;
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(robot.model, robot.truth, slipped);
+  for (Observation& row : slipped.observations) {
+    if (row.configuration >= 12 && row.target == 0) {
+      row.position() += robot.truth.frames.base().linear() *
+                        (X_BF[static_cast<std::size_t>(row.configuration)].linear() * Eigen::Vector3d(0.002, 0.0, 0.0));
+    }
+  }
+  write("m.csv", measurements_csv(slipped));
+  const Json result = Json::parse(run(calibrate({"--json"})).out);
+  const Json moved = with_cause(result["doubts"], Cause::moved_target);
+  EXPECT_EQ(moved["subjects"], (Json{subject("target", "A"), subject("configuration", "12")}));
+  const Json& figures = moved["figures"];
+  EXPECT_NEAR(figures["estimate"].get<double>(), 0.002, 3.0 * figures["estimate_sigma"].get<double>());
+  EXPECT_GT(figures["moves"], figures["radius"]);
 }
 
 TEST_F(CalibrateResult, ThatWasEditedIsRefusedWhereverItIsRead) {

@@ -247,6 +247,7 @@ TEST_F(InterfaceFiles, ResultReadBackPredictsTheSame) {
   const Calibration again = load_calibration(file("result.json"), fanuc());
   EXPECT_EQ(again.verdict(), found().verdict());
   EXPECT_EQ(again.warnings(), found().warnings());
+  EXPECT_EQ(messages_of(again.remarks()), again.warnings());
   EXPECT_EQ(again.accuracy().held_out()->after.rms, found().accuracy().held_out()->after.rms);
   EXPECT_EQ(again.accuracy().iso_after.accuracy.max, found().accuracy().iso_after.accuracy.max);
   ASSERT_EQ(again.parameters().size(), found().parameters().size());
