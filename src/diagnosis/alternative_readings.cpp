@@ -135,14 +135,14 @@ private:
   }
 
   // What the data may be read as.
-  struct Reading {
+  struct OtherReading {
     Cause cause;
     std::string words;
     std::vector<Subject> subjects = {};
     std::vector<NamedFigure> figures = {};
   };
 
-  void add_reading(const Reading& reading, double left, double instead) {
+  void add_reading(const OtherReading& reading, double left, double instead) {
     std::vector<NamedFigure> figures = reading.figures;
     figures.insert(figures.end(), {{"misfit", instead}, {"misfit_without", left}});
     readings_.push_back({.cause = reading.cause,
@@ -236,7 +236,7 @@ private:
                                                                  .threads = options_.threads});
     const double readings = 3.0 + static_cast<double>(trials.size());
     double best = fitted_;
-    const auto consider = [&](const Reading& reading, double left) {
+    const auto consider = [&](const OtherReading& reading, double left) {
       if (left < best && explains(left, fitted_, sample_.freedom, readings)) {
         best = left;
         readings_.clear();
@@ -270,7 +270,7 @@ private:
     }
   }
 
-  Reading reading_of(const Exchange& exchange) const {
+  OtherReading reading_of(const Exchange& exchange) const {
     const std::string& first = sample_.measurements.targets[static_cast<std::size_t>(exchange.first)];
     const std::string& second = sample_.measurements.targets[static_cast<std::size_t>(exchange.second)];
     const std::string& from = sample_.measurements.configurations[static_cast<std::size_t>(exchange.from)];
