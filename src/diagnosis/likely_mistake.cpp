@@ -111,7 +111,7 @@ void try_constants(const OrdinaryFit& fit, const Explanations& explanations, std
       }
     });
     constants.add(explanations, explanations.sums(zero), [&] { return constant("all distances"); });
-  } else if (fit.has_tracker() || fit.is_seen_from_afar()) {  // from the origin of W
+  } else if (fit.has_tracker() || fit.is_seen_from_outside()) {  // from the origin of W
     const MatrixXd sight = fit.disturbed([](Observation& o, const Vector3d& predicted, double step) {
       o.position() += step * predicted.stableNormalized();
     });

@@ -334,10 +334,14 @@ double OrdinaryFit::misfit_without_effects(Index columns) const {
   return misfit_ * std::sqrt(std::max((coordinates - static_cast<double>(columns)) / std::max(left, 1.0), 1.0));
 }
 
-bool OrdinaryFit::is_seen_from_afar() const {
-  const double length = arm_length(model_);
-  return std::all_of(estimate_.frames.bases.begin(), estimate_.frames.bases.end(),
-                     [&](const Eigen::Isometry3d& X_WB) { return X_WB.translation().norm() > length; });
+bool OrdinaryFit::is_seen_from_outside() const {
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model_, estimate_, rows_);
+  std::vector<Eigen::AlignedBox3d> boxes(estimate_.frames.bases.size());
+  for (const Observation& row : rows_.observations) {
+    boxes[station_of(row)].extend(predicted_point(estimate_, X_BF, row));
+  }
+  return std::none_of(boxes.begin(), boxes.end(),
+                      [](const Eigen::AlignedBox3d& points) { return points.contains(Vector3d::Zero()); });
 }
 
 std::size_t OrdinaryFit::station(Index configuration) const {
