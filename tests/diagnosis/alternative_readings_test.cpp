@@ -14,6 +14,7 @@ namespace kdl_calibration::alternative_readings_test {
 namespace {
 
 using Eigen::Vector3d;
+using ::testing::Contains;
 using testing::Draw;
 using ::testing::ElementsAre;
 using testing::for_rows;
@@ -336,6 +337,11 @@ TEST(AlternativeReadings, OfARobotThatNobodyCalibratedAreNotItsErrors) {
 
 // ---- remarks -------------------------------------------------------------------------------------------------------
 
+::testing::Matcher<const AlternativeReading&> is_about(Cause cause, const std::vector<Subject>& subjects) {
+  return ::testing::AllOf(::testing::Field(&AlternativeReading::cause, cause),
+                          ::testing::Field(&AlternativeReading::subjects, subjects));
+}
+
 /// Residuals of which a function of the second joint explains this share.
 Measured with_function(int configurations, double size, double noise) {
   Measured m = exact(light_arm(), 8, {.configurations = configurations, .targets = 2, .noise = 0.0});
@@ -349,6 +355,7 @@ Measured with_function(int configurations, double size, double noise) {
 TEST(AlternativeReadings, RemarkAFunctionOfAJointThatExplainsTheResidualsAndNoneInNoise) {
   const std::vector<AlternativeReading> found = suspicions_of_truth(with_function(30, 0.001, 1e-5));
   EXPECT_THAT(text(found), HasSubstr("a function of shoulder_lift alone explains"));
+  EXPECT_THAT(found, Contains(is_about(Cause::joint_function, {{SubjectKind::joint, "shoulder_lift"}})));
   EXPECT_FALSE(has(suspicions_of_truth(with_function(30, 0.001, 0.005)), "joint_function"));
   EXPECT_FALSE(has(suspicions_of_truth(with_function(30, 0.0, 1e-4)), "joint_function"));
 }
@@ -365,6 +372,8 @@ TEST(AlternativeReadings, TakeEqualPointsForCopiesOfTheSameTargetAlone) {
   });
   const std::vector<AlternativeReading> found = suspicions_of_truth(m);
   EXPECT_THAT(text(found), HasSubstr("test configuration 8 is at the pose of train configuration 3 (and 1 more)"));
+  EXPECT_THAT(found, Contains(is_about(Cause::same_configuration,
+                                       {{SubjectKind::configuration, "3"}, {SubjectKind::configuration, "8"}})));
   EXPECT_FALSE(has(found, "copied_rows")) << text(found);
 }
 
