@@ -35,9 +35,14 @@ public:
         fail("is there twice, expected each position once");
       }
     }
+    where_.clear();
     if (at_end()) {
-      where_.clear();
       fail("ends here without /END, expected the whole program");
+    }
+    take("/END");
+    skip_blanks();
+    if (!at_end()) {
+      fail("goes on after /END with " + shown(rest_of_line()) + ", expected one program in a file");
     }
     return positions;
   }
@@ -131,7 +136,10 @@ ProgramPosition PositionReader::position() {
     expect("GP");
     const std::optional<int> group_number = whole_number(word(":"));
     expect(":");
-    if (group_number == 1 && !has_group) {
+    if (group_number == 1) {
+      if (has_group) {
+        fail("has GP1 twice, expected each group once");
+      }
       group(result);
       has_group = true;
     } else {
@@ -317,6 +325,9 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
     if (content.starts_with("/POS")) {
       program.positions = PositionReader(text, source, at, line + 1).read();
       has_positions = true;
+    } else if (line > 1 && (content.starts_with("/PROG") || content.starts_with("/END"))) {
+      throw InputError(
+          fmt::format("{}:{}: has {} before /POS, expected one whole program in a file", source, line, shown(content)));
     } else if (std::optional<ProgramMotion> motion = motion_of(content)) {
       motion->line = line;
       program.motions.push_back(*std::move(motion));

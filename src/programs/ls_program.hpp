@@ -51,8 +51,8 @@ struct LsProgram {
   std::vector<ProgramMotion> motions;
 };
 
-/// Throws InputError with line and position for a text that is no such program or is cut short, positions that were not
-/// taught ("********"), and a number twice.
+/// Throws InputError with line and position for a text that is no such program, is cut short or goes on after it,
+/// positions that were not taught ("********"), and a number or a group 1 twice.
 LsProgram parse_ls_program(std::string_view text, const std::string& source);
 
 /// `text` with other numbers in these fields, which are in the order of the text. A number whose three decimals stay

@@ -344,7 +344,10 @@ TEST_F(ExactLimits, OfTextFilesAre64MiB) {
   if (!write_sparse("huge", kLimit + 1)) {
     GTEST_SKIP() << "no room for a sparse file";
   }
-  for (const Words& command : {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk}) {
+  write_calibration();
+  const Words program = words_of("compensate --result r.json --program huge --output o");
+  for (const Words& command :
+       {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk, program}) {
     EXPECT_THAT(said(command), HasSubstr(fact));
   }
   // What has no size, like a pipe, is read so far.

@@ -387,6 +387,15 @@ TEST(LsProgram, RefusesWhatItCannotCompensate) {
       {"/PROG  T\n/MN\n   1:J P[1] 100% FINE    ;\n", "IN.LS:3: ends here without /POS"},
       {program(good).substr(0, program(good).size() - 5), "IN.LS:14: ends here without /END"},
       {program(good + good), "IN.LS:14: P[3]: is there twice"},
+      {with("   GP1:",
+            "   GP1:\n\tUF : 0, UT : 0,\t\n\tJ1= 0 deg, J2= 0 deg, J3= 0 deg, J4= 0 deg, J5= 9 deg, J6= 0 deg\n   "
+            "GP1:"),
+       "IN.LS:12: P[3]: has GP1 twice, expected each group once"},
+      {program(good) + program(good),
+       "IN.LS:15: goes on after /END with '/PROG  TEST', expected one program in a file"},
+      {program(good) + "\r\n \tP[4]{", "IN.LS:16: goes on after /END with 'P[4]{'"},
+      {"/PROG  A\n/MN\n" + program(good), "IN.LS:3: has '/PROG  TEST' before /POS, expected one whole program"},
+      {"/PROG  A\n/MN\n/END\n" + program(good), "IN.LS:3: has '/END' before /POS"},
       {program(good.substr(0, good.find("\tX")) + "};\n"), "P[3]: has no complete pose"},
       {program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1807, 0, 1300, 180, -90, 0})),
        "P[1]: stands in a singularity"}};
