@@ -266,8 +266,7 @@ std::vector<PathDeviation> path_deviations(const ProgramCompensation& compensati
   std::vector<Segment> segments;
   const ProgramCompensation::Outcome* last = nullptr;
   for (const ProgramMotion& motion : program.motions) {
-    const auto found =
-        motion.position && motion.run_time_part.empty() ? by_number.find(*motion.position) : by_number.end();
+    const auto found = motion.position && motion.is_known ? by_number.find(*motion.position) : by_number.end();
     const ProgramCompensation::Outcome* next = found == by_number.end() ? nullptr : found->second;
     if (motion.is_straight && last != nullptr && next != nullptr) {
       segments.push_back({.line = motion.line, .from = last, .to = next});
@@ -292,7 +291,7 @@ std::vector<PathDeviation> path_deviations(const ProgramCompensation& compensati
 void leave_out_increments(LsProgram& program) {
   std::set<int> increments;
   for (const ProgramMotion& motion : program.motions) {
-    if (motion.run_time_part == "INC") {
+    if (motion.is_increment) {
       increments.insert(motion.position.value_or(0));
     }
   }
@@ -300,13 +299,18 @@ void leave_out_increments(LsProgram& program) {
                 [&](const ProgramPosition& position) { return increments.contains(position.number); });
 }
 
-std::string run_time_warning(const ProgramMotion& motion) {
-  if (!motion.position) {
-    return motion.run_time_part + " stands for a place that is known at run time only: not compensated";
+// "IN.LS:3: Offset moves ... (also in lines 5, 8 and 12 more)"
+std::string warning_of(const ProgramRemark& remark, const std::string& source) {
+  constexpr std::size_t kMostLines = 10;
+  std::string others;
+  for (std::size_t i = 1; i < std::min(kMostLines, remark.lines.size()); ++i) {
+    others += (i == 1 ? "" : ", ") + std::to_string(remark.lines[i]);
   }
-  return motion.run_time_part == "INC" ? fmt::format("INC makes P[{}] an increment: not compensated", *motion.position)
-                                       : fmt::format("{} moves P[{}] at run time: compensated where it is without that",
-                                                     motion.run_time_part, *motion.position);
+  if (remark.lines.size() > kMostLines) {
+    others += fmt::format(" and {} more", remark.lines.size() - kMostLines);
+  }
+  return fmt::format("{}:{}: {}{}", source, remark.lines.front(), remark.what,
+                     others.empty() ? "" : " (also in lines " + others + ")");
 }
 
 }  // namespace
@@ -336,10 +340,10 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
   std::sort(fields.begin(), fields.end(), [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; });
   result.text = with_numbers(text, fields);
   result.paths = path_deviations(compensation, program, outcomes);
-  for (const ProgramMotion& motion : program.motions) {
-    if (!motion.run_time_part.empty()) {
-      result.warnings.push_back(fmt::format("{}:{}: {}", source, motion.line, run_time_warning(motion)));
-    }
+  std::stable_sort(program.remarks.begin(), program.remarks.end(),
+                   [](const ProgramRemark& a, const ProgramRemark& b) { return a.lines.front() < b.lines.front(); });
+  for (const ProgramRemark& remark : program.remarks) {
+    result.warnings.push_back(warning_of(remark, source));
   }
   return result;
 }

@@ -35,7 +35,7 @@ struct CompensatedProgram {
   std::vector<CompensatedPosition> positions;
   double rounding = 0.0;              ///< [m] largest displacement of the flange by rounding to 0.001 mm and degrees
   std::vector<PathDeviation> paths;   ///< above 0.1 mm, largest first
-  std::vector<std::string> warnings;  ///< motions to places that are known at run time only
+  std::vector<std::string> warnings;  ///< what the controller decides at run time, with the lines
 };
 
 /// A FANUC program (LS) with positions at which the calibrated arm is where the nominal one would be. Of each position

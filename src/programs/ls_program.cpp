@@ -256,55 +256,175 @@ NumberField PositionReader::number(std::string_view name) {
   return field;
 }
 
-// What of a motion instruction only the controller knows. Registers have comments in their brackets, which may hold any
-// word.
-std::string run_time_part(std::string_view instruction) {
-  for (const char* place : {"PR[", "P[R["}) {
-    if (instruction.starts_with(place)) {
-      return place;
-    }
+// Where a word that the controller decides on at run time stands in a statement.
+enum class WordPlace : std::uint8_t {
+  target,  // of a motion
+  option   // of a motion
+};
+
+struct RunTimeWord {
+  WordPlace place;
+  std::string_view word;
+  std::string_view meaning;
+};
+
+constexpr std::string_view kUnknownPlace = "stands for a place that is known at run time only: not compensated";
+constexpr std::string_view kShift = "moves positions at run time: compensated where they are without that";
+constexpr std::string_view kIncrement = "makes a position an increment: left as it is";
+
+constexpr std::array kRunTimeWords = {
+    RunTimeWord{WordPlace::target, "PR[", kUnknownPlace},   RunTimeWord{WordPlace::target, "P[R[", kUnknownPlace},
+    RunTimeWord{WordPlace::target, "P[AR[", kUnknownPlace}, RunTimeWord{WordPlace::option, "Offset", kShift},
+    RunTimeWord{WordPlace::option, "Tool_Offset", kShift},  RunTimeWord{WordPlace::option, "VOFFSET", kShift},
+    RunTimeWord{WordPlace::option, "INC", kIncrement}};
+
+// A line of a program: "   7:L P[1] 100mm/sec FINE ;". A number begins a statement, and a colon without a number
+// continues one that has no semicolon yet:
+//     7:C P[1]
+//      :  P[2] 100mm/sec FINE Offset,PR[1] ;
+// The text behind the colon; none for another line.
+struct NumberedLine {
+  std::string_view content;
+  bool has_number = false;
+};
+
+std::optional<NumberedLine> numbered_line(std::string_view line) {
+  const std::size_t colon = line.find_first_not_of(" \t0123456789");
+  if (colon == std::string_view::npos || line[colon] != ':') {
+    return std::nullopt;
   }
-  std::string words;
-  int depth = 0;
-  for (const char c : instruction) {
-    depth += c == '[' ? 1 : 0;
-    words += depth > 0 ? ' ' : c;
-    depth -= c == ']' ? 1 : 0;
-  }
-  for (const char* option : {"Tool_Offset", "VOFFSET", "Offset"}) {
-    if (words.find(option) != std::string::npos) {
-      return option;
-    }
-  }
-  const std::size_t at = words.find(" INC");
-  const bool is_increment = at != std::string::npos && words.find_first_of(" ;,\r", at + 1) == at + 4;
-  return is_increment ? "INC" : "";
+  return NumberedLine{.content = line.substr(colon + 1),
+                      .has_number = line.substr(0, colon).find_first_of("0123456789") != std::string_view::npos};
 }
 
-// The motion of a program line such as "   7:L P[1] 100mm/sec FINE ;". The second line of a circular motion,
-// "    :  P[2] 100mm/sec FINE ;", has no letter.
-std::optional<ProgramMotion> motion_of(std::string_view line) {
-  constexpr std::size_t kNone = std::string_view::npos;
-  const std::size_t colon = line.find(':');
-  if (colon == kNone || line.substr(0, colon).find_first_not_of(" \t0123456789") != kNone) {
-    return std::nullopt;
+// The words of a statement up to its semicolon, over the lines that continue it. A register's bracket, whose comment
+// may hold anything, belongs to its word.
+class Words {
+public:
+  Words(std::string_view text, std::size_t line) : text_(text), line_(line) {}
+
+  // An empty word at the end of the statement.
+  std::string_view next() {
+    while (at_ < text_.size() && is_separator(text_[at_]) && begin_next_line()) {
+      ++at_;
+    }
+    const std::size_t begin = at_;
+    for (int depth = 0; at_ < text_.size() && text_[at_] != '\n'; ++at_) {
+      if (depth == 0 && (is_separator(text_[at_]) || text_[at_] == ';')) {
+        break;
+      }
+      depth += text_[at_] == '[' ? 1 : text_[at_] == ']' && depth > 0 ? -1 : 0;
+    }
+    return text_.substr(begin, at_ - begin);
   }
-  std::string_view rest = trimmed(line.substr(colon + 1));
-  const char kind = rest.empty() ? ' ' : rest.front();
-  const bool has_letter = std::string_view("JLCAS").find(kind) != kNone;
-  rest = trimmed(rest.substr(has_letter ? 1 : 0));
-  if (!(rest.starts_with("P[") || rest.starts_with("PR[")) || (!has_letter && rest.find('=') != kNone)) {
-    return std::nullopt;
+
+  std::size_t line() const { return line_; }  // of the last word
+
+private:
+  static bool is_separator(char c) { return is_blank(c) || c == ','; }
+
+  // At a line's end goes on to the colon of the next line. False if that continues nothing.
+  bool begin_next_line() {
+    if (text_[at_] != '\n') {
+      return true;
+    }
+    const std::string_view rest = text_.substr(at_ + 1);
+    const std::optional<NumberedLine> next = numbered_line(rest.substr(0, rest.find('\n')));
+    if (!next || next->has_number) {
+      return false;
+    }
+    at_ = static_cast<std::size_t>(next->content.data() - text_.data()) - 1;
+    ++line_;
+    return true;
   }
-  ProgramMotion motion;
-  motion.is_straight = kind != 'J';
-  motion.run_time_part = run_time_part(rest);
-  int number = 0;
-  const char* digits = rest.data() + 2;
-  if (rest.starts_with("P[") && std::from_chars(digits, rest.data() + rest.size(), number).ptr != digits) {
-    motion.position = number;
+
+  std::string_view text_;
+  std::size_t at_ = 0;
+  std::size_t line_;
+};
+
+// Reads the statements of a program.
+class StatementReader {
+public:
+  explicit StatementReader(LsProgram& program) : program_(program) {}
+
+  // The statement at the beginning of `text`, which reaches to the end of the program. Returns its last line.
+  std::size_t read(std::string_view text, std::size_t line) {
+    Words words(text, line);
+    std::string_view word = words.next();
+    const char kind = word.empty() ? ' ' : word.front();
+    if (std::string_view("JLCAS").find(kind) != std::string_view::npos) {
+      word = word.size() > 1 ? word.substr(1) : words.next();
+      if (is_place(word)) {
+        motion(kind, word, words);
+      }
+    }
+    while (!words.next().empty()) {
+    }
+    return words.line();
   }
-  return motion;
+
+  void add_remarks() {
+    for (std::size_t i = 0; i < kRunTimeWords.size(); ++i) {
+      if (!lines_[i].empty()) {
+        program_.remarks.push_back({.what = fmt::format("{} {}", kRunTimeWords[i].word, kRunTimeWords[i].meaning),
+                                    .lines = std::move(lines_[i])});
+      }
+    }
+  }
+
+private:
+  static bool is_place(std::string_view word) { return word.starts_with("P[") || word.starts_with("PR["); }
+
+  // Notes the line if the word is one that the controller decides on.
+  const RunTimeWord* found(WordPlace place, std::string_view word, std::size_t line) {
+    const auto* const row = std::find_if(kRunTimeWords.begin(), kRunTimeWords.end(), [&](const RunTimeWord& each) {
+      return each.place == place && (place == WordPlace::target ? word.starts_with(each.word) : word == each.word);
+    });
+    if (row == kRunTimeWords.end()) {
+      return nullptr;
+    }
+    std::vector<std::size_t>& lines = lines_[static_cast<std::size_t>(row - kRunTimeWords.begin())];
+    if (lines.empty() || lines.back() != line) {
+      lines.push_back(line);
+    }
+    return row;
+  }
+
+  // A motion of this kind to this place, the rest of whose words come next.
+  void motion(char kind, std::string_view place, Words& words) {
+    const std::size_t first = program_.motions.size();
+    add_motion(kind, place, words.line());
+    for (std::string_view word = words.next(); !word.empty(); word = words.next()) {
+      if (kind == 'C' && is_place(word) && program_.motions.size() == first + 1) {
+        add_motion(kind, word, words.line());
+      } else if (const RunTimeWord* option = found(WordPlace::option, word, words.line())) {
+        for (std::size_t i = first; i < program_.motions.size(); ++i) {
+          program_.motions[i].is_known = false;
+          program_.motions[i].is_increment = program_.motions[i].is_increment || option->word == "INC";
+        }
+      }
+    }
+  }
+
+  void add_motion(char kind, std::string_view place, std::size_t line) {
+    ProgramMotion motion{.line = line, .is_straight = kind != 'J'};
+    int number = 0;
+    const char* digits = place.data() + 2;
+    if (place.starts_with("P[") && std::from_chars(digits, place.data() + place.size(), number).ptr != digits) {
+      motion.position = number;
+    }
+    motion.is_known = found(WordPlace::target, place, line) == nullptr;
+    program_.motions.push_back(motion);
+  }
+
+  LsProgram& program_;
+  std::array<std::vector<std::size_t>, kRunTimeWords.size()> lines_;
+};
+
+// The line of this text that begins at `at`, without its end.
+std::string_view line_at(std::string_view text, std::size_t at) {
+  return text.substr(at, std::min(text.find('\n', at), text.size()) - at);
 }
 
 }  // namespace
@@ -315,28 +435,27 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
                      ", expected /PROG: a FANUC program as text (LS)");
   }
   LsProgram program;
+  StatementReader statements(program);
   std::size_t line = 0;
-  bool has_positions = false;
-  for (std::size_t at = 0; at < text.size() && !has_positions;) {
-    const std::size_t end = std::min(text.find('\n', at), text.size());
-    const std::string_view content = text.substr(at, end - at);
+  std::size_t last_read = 0;  // line of a statement
+  for (std::size_t at = 0; at < text.size();) {
+    const std::string_view content = line_at(text, at);
+    at = std::min(at + content.size() + 1, text.size());
     ++line;
-    at = std::min(end + 1, text.size());
     if (content.starts_with("/POS")) {
       program.positions = PositionReader(text, source, at, line + 1).read();
-      has_positions = true;
-    } else if (line > 1 && (content.starts_with("/PROG") || content.starts_with("/END"))) {
+      statements.add_remarks();
+      return program;
+    }
+    if (line > 1 && (content.starts_with("/PROG") || content.starts_with("/END"))) {
       throw InputError(
           fmt::format("{}:{}: has {} before /POS, expected one whole program in a file", source, line, shown(content)));
-    } else if (std::optional<ProgramMotion> motion = motion_of(content)) {
-      motion->line = line;
-      program.motions.push_back(*std::move(motion));
+    }
+    if (const std::optional<NumberedLine> numbered = numbered_line(content); numbered && line > last_read) {
+      last_read = statements.read(text.substr(static_cast<std::size_t>(numbered->content.data() - text.data())), line);
     }
   }
-  if (!has_positions) {
-    throw InputError(fmt::format("{}:{}: ends here without /POS, expected the whole program", source, line));
-  }
-  return program;
+  throw InputError(fmt::format("{}:{}: ends here without /POS, expected the whole program", source, line));
 }
 
 std::string with_numbers(std::string_view text, const std::vector<NumberField>& fields) {

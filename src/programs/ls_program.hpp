@@ -37,18 +37,26 @@ struct ProgramPosition {
   bool has_extended_axes = false;                   ///< E1, E2 ...
 };
 
-/// A motion instruction, or the second half of a circular one.
+/// A motion instruction, or one half of a circular one.
 struct ProgramMotion {
   std::size_t line = 0;
   bool is_straight = false;     ///< L, C, A or S: the tool moves along a path; else J
   std::optional<int> position;  ///< P[number]
-  std::string run_time_part;    ///< what only the controller knows: "PR[", "P[R[", "Offset" ..., "INC"; else empty
+  bool is_increment = false;    ///< INC: the position is a step, no place
+  bool is_known = true;         ///< ends in its position, on a path that the program states
+};
+
+/// A fact that a user has to know, and the lines to which it applies, in order.
+struct ProgramRemark {
+  std::string what;
+  std::vector<std::size_t> lines;
 };
 
 /// A FANUC teach pendant program as text (LS file).
 struct LsProgram {
   std::vector<ProgramPosition> positions;
   std::vector<ProgramMotion> motions;
+  std::vector<ProgramRemark> remarks;  ///< what the controller decides at run time, one of each kind
 };
 
 /// Throws InputError with line and position for a text that is no such program, is cut short or goes on after it,

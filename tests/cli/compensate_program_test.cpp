@@ -38,7 +38,7 @@ protected:
 TEST_F(ProgramFiles, KeepEverythingButTheNumbersBesideARecord) {
   const Outcome outcome = run(kCompensate);
   EXPECT_EQ(outcome.status, 0) << outcome.err;
-  EXPECT_THAT(outcome.err, HasSubstr("IN.LS:3: Offset moves P[1] at run time"));
+  EXPECT_THAT(outcome.err, HasSubstr("IN.LS:3: Offset moves positions at run time"));
   const std::string before = text_of("IN.LS");
   const std::string after = text_of("OUT.LS");
   EXPECT_NE(after, before);

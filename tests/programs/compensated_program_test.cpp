@@ -351,8 +351,8 @@ TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
                                 joints(3, {0, -29, 0, 10, -50, 10}) + increment;
   const CompensatedProgram result = compensated(bent(3e-3), program(positions, lines));
   EXPECT_THAT(result.warnings,
-              ElementsAre(HasSubstr("IN.LS:7: Offset moves P[2]"), HasSubstr("IN.LS:8: PR[ stands for"),
-                          HasSubstr("IN.LS:9: P[R["), HasSubstr("IN.LS:11: INC makes P[4] an increment"),
+              ElementsAre(HasSubstr("IN.LS:7: Offset moves positions"), HasSubstr("IN.LS:8: PR[ stands for"),
+                          HasSubstr("IN.LS:9: P[R["), HasSubstr("IN.LS:11: INC makes a position an increment"),
                           HasSubstr("IN.LS:14: Tool_Offset")));
   // An increment is no pose: it stays as it is, even if no joint values reach it.
   EXPECT_THAT(result.positions, SizeIs(3));
@@ -361,6 +361,38 @@ TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
   EXPECT_EQ(result.paths.front().line, 16U);
   EXPECT_EQ(result.paths.front().from, 1);
   EXPECT_EQ(result.paths.front().to, 2);
+}
+
+// A statement ends at its semicolon, which may stand on a line without a number.
+TEST(LsProgram, ReadsAMotionUpToItsSemicolon) {
+  const std::string positions = joints(1, {0, -30, 0, 10, -50, 10}) + joints(2, {60, 20, -20, 10, -50, 10});
+  const auto of = [&](const std::string& lines) { return compensated(bent(3e-3), program(positions, lines)); };
+  for (const std::string end : {" INC    ;\n", "\n    :  INC    ;\n", "\r\n    :  PTH ACC80\r\n    :  INC;\r\n"}) {
+    const CompensatedProgram result = of("   1:J P[1] 100% FINE    ;\n   2:L P[2] 9mm/sec FINE" + end);
+    EXPECT_THAT(result.warnings, ElementsAre(HasSubstr(": INC makes a position an increment"))) << end;
+    EXPECT_THAT(result.text, HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << end;
+    EXPECT_THAT(result.positions, SizeIs(1));
+  }
+  const std::string whole =
+      "   1:J P[1] 100% CNT5 ACC80 TB .05sec,DO[1:INC]=ON    ;\n   2:L P[2] 9mm/sec FINE PTH\n    :  Skip,LBL[1: INC ;]"
+      "    ; ! INC\n    :  INC    ;\n   3:  !L P[1] INC    ;\n   4:  //L P[1] 9mm/sec FINE INC    ;\n";
+  const CompensatedProgram result = of(whole);
+  EXPECT_THAT(result.warnings, SizeIs(0));
+  EXPECT_THAT(result.positions, SizeIs(2));
+  ASSERT_THAT(result.paths, SizeIs(1));
+  EXPECT_EQ(result.paths.front().line, 7U);
+}
+
+TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
+  std::string lines;
+  for (int i = 0; i < 12; ++i) {
+    lines += "    :L P[1] 9mm/sec FINE Offset    ;\n";
+  }
+  const CompensatedProgram result = compensated(bent(0.0), program(joints(1, kAtPose), lines));
+  EXPECT_THAT(
+      result.warnings,
+      ElementsAre("IN.LS:6: Offset moves positions at run time: compensated where they are without that (also in "
+                  "lines 7, 8, 9, 10, 11, 12, 13, 14, 15 and 2 more)"));
 }
 
 TEST(LsProgram, RefusesWhatItCannotCompensate) {
