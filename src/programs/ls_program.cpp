@@ -256,27 +256,60 @@ NumberField PositionReader::number(std::string_view name) {
   return field;
 }
 
-// Where a word that the controller decides on at run time stands in a statement.
+// Where a program has a word on which the controller decides at run time.
 enum class WordPlace : std::uint8_t {
-  target,  // of a motion
-  option   // of a motion
+  target,    // of a motion; a word begins with it
+  option,    // of a motion
+  assigned,  // left of =, if another value than a number is right of it; a word begins with it
+  copied,    // a whole kind of assignment
+  head       // before the statements, with another value than 0
 };
 
 struct RunTimeWord {
   WordPlace place;
   std::string_view word;
+  std::string_view name;  // in messages
   std::string_view meaning;
 };
 
-constexpr std::string_view kUnknownPlace = "stands for a place that is known at run time only: not compensated";
+constexpr std::string_view kUnknownPlace = "holds a place that is known at run time only: not compensated here";
 constexpr std::string_view kShift = "moves positions at run time: compensated where they are without that";
-constexpr std::string_view kIncrement = "makes a position an increment: left as it is";
+constexpr std::string_view kFrame = "is set at run time: poses are compensated with the frame of --frames";
+constexpr std::string_view kFrameNumber = "is chosen at run time: poses are compensated in their own UF and UT";
 
-constexpr std::array kRunTimeWords = {
-    RunTimeWord{WordPlace::target, "PR[", kUnknownPlace},   RunTimeWord{WordPlace::target, "P[R[", kUnknownPlace},
-    RunTimeWord{WordPlace::target, "P[AR[", kUnknownPlace}, RunTimeWord{WordPlace::option, "Offset", kShift},
-    RunTimeWord{WordPlace::option, "Tool_Offset", kShift},  RunTimeWord{WordPlace::option, "VOFFSET", kShift},
-    RunTimeWord{WordPlace::option, "INC", kIncrement}};
+constexpr std::array kRunTimeWords = std::to_array<RunTimeWord>({
+    {WordPlace::target, "PR[", "PR[...]", kUnknownPlace},
+    {WordPlace::target, "P[R[", "P[R[...]]", kUnknownPlace},
+    {WordPlace::target, "P[AR[", "P[AR[...]]", kUnknownPlace},
+    {WordPlace::target, "PAL_", "PAL_n[...]", kUnknownPlace},
+    {WordPlace::option, "Offset", "Offset", kShift},
+    {WordPlace::option, "Tool_Offset", "Tool_Offset", kShift},
+    {WordPlace::option, "VOFFSET", "VOFFSET", kShift},
+    {WordPlace::option, "INC", "INC", "makes a position an increment: left as it is"},
+    {WordPlace::option, "COORD", "COORD",
+     "moves relative to another motion group: positions are compensated, the path between them is not checked"},
+    {WordPlace::option, "RTCP", "RTCP",
+     "moves relative to a tool that stands in the cell: positions are compensated, the path between them is not "
+     "checked"},
+    {WordPlace::assigned, "UFRAME[", "UFRAME[...]", kFrame},
+    {WordPlace::assigned, "UTOOL[", "UTOOL[...]", kFrame},
+    {WordPlace::assigned, "UFRAME_NUM", "UFRAME_NUM", kFrameNumber},
+    {WordPlace::assigned, "UTOOL_NUM", "UTOOL_NUM", kFrameNumber},
+    {WordPlace::assigned, "BENUTZER_NUM", "BENUTZER_NUM", kFrameNumber},  // on controllers in German
+    {WordPlace::assigned, "WKZ_NUM", "WKZ_NUM", kFrameNumber},
+    {WordPlace::copied, "PR[", "PR[...]=P[...]",
+     "puts a compensated position into a register: what is computed from it and motions to it begin with that"},
+    {WordPlace::head, "LINE_TRACK_SCHEDULE_NUMBER", "LINE_TRACK_SCHEDULE_NUMBER",
+     "lets positions travel with a conveyor: compensated where they are while it stands"},
+});
+
+const RunTimeWord* run_time_word(WordPlace place, std::string_view word) {
+  const bool is_whole = place == WordPlace::option || place == WordPlace::head;
+  const auto row = std::find_if(kRunTimeWords.begin(), kRunTimeWords.end(), [&](const RunTimeWord& each) {
+    return each.place == place && (is_whole ? word == each.word : word.starts_with(each.word));
+  });
+  return row == kRunTimeWords.end() ? nullptr : &*row;
+}
 
 // A line of a program: "   7:L P[1] 100mm/sec FINE ;". A number begins a statement, and a colon without a number
 // continues one that has no semicolon yet:
@@ -343,7 +376,7 @@ private:
   std::size_t line_;
 };
 
-// Reads the statements of a program.
+// Reads what stands before the positions of a program.
 class StatementReader {
 public:
   explicit StatementReader(LsProgram& program) : program_(program) {}
@@ -361,34 +394,39 @@ public:
     }
     while (!words.next().empty()) {
     }
+    assignment(text.substr(0, text.find_first_of(";\n")), line);
     return words.line();
+  }
+
+  // A line that is no statement: "  LINE_TRACK_SCHEDULE_NUMBER      : 1;"
+  void head(std::string_view content, std::size_t line) {
+    const std::size_t colon = std::min(content.find(':'), content.size());
+    if (trimmed(content.substr(colon)).find_first_of("123456789") != std::string_view::npos) {
+      note(run_time_word(WordPlace::head, trimmed(content.substr(0, colon))), line);
+    }
   }
 
   void add_remarks() {
     for (std::size_t i = 0; i < kRunTimeWords.size(); ++i) {
       if (!lines_[i].empty()) {
-        program_.remarks.push_back({.what = fmt::format("{} {}", kRunTimeWords[i].word, kRunTimeWords[i].meaning),
+        program_.remarks.push_back({.what = fmt::format("{} {}", kRunTimeWords[i].name, kRunTimeWords[i].meaning),
                                     .lines = std::move(lines_[i])});
       }
     }
   }
 
 private:
-  static bool is_place(std::string_view word) { return word.starts_with("P[") || word.starts_with("PR["); }
+  static bool is_place(std::string_view word) {
+    return word.starts_with("P[") || run_time_word(WordPlace::target, word) != nullptr;
+  }
 
-  // Notes the line if the word is one that the controller decides on.
-  const RunTimeWord* found(WordPlace place, std::string_view word, std::size_t line) {
-    const auto* const row = std::find_if(kRunTimeWords.begin(), kRunTimeWords.end(), [&](const RunTimeWord& each) {
-      return each.place == place && (place == WordPlace::target ? word.starts_with(each.word) : word == each.word);
-    });
-    if (row == kRunTimeWords.end()) {
-      return nullptr;
+  void note(const RunTimeWord* word, std::size_t line) {
+    if (word != nullptr) {
+      std::vector<std::size_t>& lines = lines_[static_cast<std::size_t>(word - kRunTimeWords.data())];
+      if (lines.empty() || lines.back() != line) {
+        lines.push_back(line);
+      }
     }
-    std::vector<std::size_t>& lines = lines_[static_cast<std::size_t>(row - kRunTimeWords.begin())];
-    if (lines.empty() || lines.back() != line) {
-      lines.push_back(line);
-    }
-    return row;
   }
 
   // A motion of this kind to this place, the rest of whose words come next.
@@ -398,10 +436,11 @@ private:
     for (std::string_view word = words.next(); !word.empty(); word = words.next()) {
       if (kind == 'C' && is_place(word) && program_.motions.size() == first + 1) {
         add_motion(kind, word, words.line());
-      } else if (const RunTimeWord* option = found(WordPlace::option, word, words.line())) {
+      } else if (const RunTimeWord* option = run_time_word(WordPlace::option, word)) {
+        note(option, words.line());
         for (std::size_t i = first; i < program_.motions.size(); ++i) {
           program_.motions[i].is_known = false;
-          program_.motions[i].is_increment = program_.motions[i].is_increment || option->word == "INC";
+          program_.motions[i].is_increment = program_.motions[i].is_increment || word == "INC";
         }
       }
     }
@@ -414,8 +453,26 @@ private:
     if (place.starts_with("P[") && std::from_chars(digits, place.data() + place.size(), number).ptr != digits) {
       motion.position = number;
     }
-    motion.is_known = found(WordPlace::target, place, line) == nullptr;
+    const RunTimeWord* unknown = run_time_word(WordPlace::target, place);
+    motion.is_known = unknown == nullptr;
+    note(unknown, line);
     program_.motions.push_back(motion);
+  }
+
+  // "UFRAME_NUM=R[3]", also behind a condition: "IF (R[1]=1),UFRAME_NUM=R[3]".
+  void assignment(std::string_view statement, std::size_t line) {
+    if (const std::size_t condition = statement.find("),"); condition != std::string_view::npos) {
+      statement = statement.substr(condition + 2);
+    }
+    const std::size_t equals = std::min(statement.find('='), statement.size());
+    const std::string_view name = trimmed(statement.substr(0, equals));
+    const std::string_view value = trimmed(statement.substr(equals));
+    if (value.find("P[") != std::string_view::npos) {
+      note(run_time_word(WordPlace::copied, name), line);
+    }
+    if (value.find_first_not_of("=0123456789 \t\r") != std::string_view::npos) {
+      note(run_time_word(WordPlace::assigned, name), line);
+    }
   }
 
   LsProgram& program_;
@@ -451,8 +508,13 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
       throw InputError(
           fmt::format("{}:{}: has {} before /POS, expected one whole program in a file", source, line, shown(content)));
     }
-    if (const std::optional<NumberedLine> numbered = numbered_line(content); numbered && line > last_read) {
+    if (line <= last_read) {
+      continue;
+    }
+    if (const std::optional<NumberedLine> numbered = numbered_line(content)) {
       last_read = statements.read(text.substr(static_cast<std::size_t>(numbered->content.data() - text.data())), line);
+    } else {
+      statements.head(content, line);
     }
   }
   throw InputError(fmt::format("{}:{}: ends here without /POS, expected the whole program", source, line));

@@ -30,10 +30,12 @@ using Eigen::AngleAxisd;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::kDegree;
 using ::testing::SizeIs;
+using ::testing::StartsWith;
 
 const Robot& fanuc() {
   static const Robot robot = testing::fanuc();
@@ -351,8 +353,8 @@ TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
                                 joints(3, {0, -29, 0, 10, -50, 10}) + increment;
   const CompensatedProgram result = compensated(bent(3e-3), program(positions, lines));
   EXPECT_THAT(result.warnings,
-              ElementsAre(HasSubstr("IN.LS:7: Offset moves positions"), HasSubstr("IN.LS:8: PR[ stands for"),
-                          HasSubstr("IN.LS:9: P[R["), HasSubstr("IN.LS:11: INC makes a position an increment"),
+              ElementsAre(HasSubstr("IN.LS:7: Offset moves positions"), HasSubstr("IN.LS:8: PR[...] holds"),
+                          HasSubstr("IN.LS:9: P[R[...]]"), HasSubstr("IN.LS:11: INC makes a position an increment"),
                           HasSubstr("IN.LS:14: Tool_Offset")));
   // An increment is no pose: it stays as it is, even if no joint values reach it.
   EXPECT_THAT(result.positions, SizeIs(3));
@@ -381,6 +383,48 @@ TEST(LsProgram, ReadsAMotionUpToItsSemicolon) {
   EXPECT_THAT(result.positions, SizeIs(2));
   ASSERT_THAT(result.paths, SizeIs(1));
   EXPECT_EQ(result.paths.front().line, 7U);
+}
+
+TEST(LsProgram, SaysWhatTheControllerDecidesAtRunTime) {
+  const std::string positions = joints(1, {0, -30, 0, 10, -50, 10}) + joints(2, {60, 20, -20, 10, -50, 10});
+  const Calibration found = bent(3e-3);
+  const auto of = [&](const std::string& lines, const std::string& head = "") {
+    std::string text = program(positions, lines);
+    return compensated(found, text.insert(text.find("/MN"), head));
+  };
+  // Statement, the warning's beginning, and words that say what becomes of it.
+  const std::vector<std::array<std::string, 3>> cases = {
+      {"UFRAME[2]=PR[5]", "UFRAME[...] is set at run time", "the frame of --frames"},
+      {"UTOOL[1:gun = 2] = PR[5]", "UTOOL[...] is set at run time", "the frame of --frames"},
+      {"UFRAME_NUM=R[3]", "UFRAME_NUM is chosen at run time", "their own UF and UT"},
+      {"IF (R[1:a]=2),UTOOL_NUM=AR[1]", "UTOOL_NUM is chosen", "their own UF and UT"},
+      {"BENUTZER_NUM=R[3]", "BENUTZER_NUM is chosen", "their own UF and UT"},
+      {"WKZ_NUM=R[3]", "WKZ_NUM is chosen", "their own UF and UT"},
+      {"PR[9:a=b]=P[2]", "PR[...]=P[...] puts a compensated position into a register", "begin with that"},
+      {"PR[R[1]]=PR[2]-P[R[1]]", "PR[...]=P[...] puts", "begin with that"},
+      {"L PAL_1[BTM] 100mm/sec FINE", "PAL_n[...] holds a place", "not compensated"},
+      {"J PR[GP1:5] 10% FINE", "PR[...] holds a place", "not compensated"},
+      {"JP[AR[1]] 10% FINE", "P[AR[...]] holds a place", "not compensated"},
+      {"L P[2] 9mm/sec FINE COORD PTH", "COORD moves relative", "path between them is not checked"},
+      {"L P[2] 9mm/sec CNT100 RTCP", "RTCP moves relative", "path between them is not checked"}};
+  for (const auto& [statement, warning, consequence] : cases) {
+    const CompensatedProgram result =
+        of("   1:J P[1] 100% FINE    ;\n   2:  " + statement + " ;\n   3:J P[1] 100% FINE    ;\n");
+    EXPECT_THAT(result.warnings, ElementsAre(AllOf(StartsWith("IN.LS:7: " + warning), HasSubstr(consequence))));
+    EXPECT_THAT(result.paths, SizeIs(0)) << statement;
+    EXPECT_TRUE(result.positions.front().written && result.positions.back().written);
+  }
+  const std::string tracking = "LINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUMBER      : 1;\n";
+  EXPECT_THAT(of("", tracking).warnings,
+              ElementsAre(StartsWith("IN.LS:6: LINE_TRACK_SCHEDULE_NUMBER lets positions travel with a conveyor")));
+  // What the program states itself is decided beforehand.
+  const CompensatedProgram plain =
+      of("   1:  UFRAME_NUM=2 ;\n   2:  UTOOL_NUM = 11 ;\n   3:  PR[3]=UFRAME[2]    ;\n   4:  !UFRAME[1]=PR[1] ;\n"
+         "   5:  R[1:UTOOL_NUM]=R[2:P[1]]    ;\n   6:J P[1] 100% FINE    ;\n   7:  PR[4,1]=12    ;\n"
+         "   8:  //PR[1]=P[1] ;\n   9:L P[2] 9mm/sec FINE    ;\n",
+         "LINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUMBER      : 0;\n  LINE_TRACK_BOUNDARY_NUMBER      : 1;\n");
+  EXPECT_THAT(plain.warnings, SizeIs(0));
+  EXPECT_THAT(plain.paths, SizeIs(1));
 }
 
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
