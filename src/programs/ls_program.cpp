@@ -19,22 +19,68 @@ constexpr std::array kJoints = {"J1", "J2", "J3", "J4", "J5", "J6"};
 
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n'; }
 
+// Why a position stays as it is.
+enum class Left : std::uint8_t { untaught, remote_tool, other_groups };
+constexpr std::array kLeftBecause = {
+    "******** marks positions that are not taught: left as they are",
+    "RX RY RZ state positions relative to a tool that stands in the cell (remote TCP): left as they are",
+    "positions without GP1 are those of other motion groups: left as they are"};
+
+// What is read of a position.
+struct ReadPosition {
+  ProgramPosition position;
+  std::optional<Left> left = Left::other_groups;
+  std::uint32_t found = 0;  // a bit for each of the six fields
+};
+
 // Reads the positions of a program from their beginning.
 class PositionReader {
 public:
   PositionReader(std::string_view text, std::string source, std::size_t at, std::size_t line)
       : text_(text), source_(std::move(source)), at_(at), line_(line) {}
 
-  std::vector<ProgramPosition> read() {
-    std::vector<ProgramPosition> positions;
+  void read(LsProgram& program) {
     std::set<int> numbers;
+    std::set<int> untaught;
+    std::array<std::vector<std::size_t>, kLeftBecause.size()> left;
     for (skip_blanks(); !at_end() && !starts("/END"); skip_blanks()) {
-      positions.push_back(position());
-      if (!numbers.insert(positions.back().number).second) {
-        line_ = positions.back().line;
+      ReadPosition read = position();
+      const int number = read.position.number;
+      const std::size_t line = read.position.line;
+      if (!numbers.insert(number).second) {
+        line_ = line;
         fail("is there twice, expected each position once");
       }
+      if (!read.left) {
+        program.positions.push_back(std::move(read.position));
+        continue;
+      }
+      left[static_cast<std::size_t>(*read.left)].push_back(line);
+      if (read.left == Left::untaught) {
+        untaught.insert(number);
+      }
     }
+    require_end();
+    for (const ProgramMotion& motion : program.motions) {
+      if (motion.position && untaught.contains(*motion.position)) {
+        line_ = motion.line;
+        fail(fmt::format("moves to P[{}], which is not taught (********), expected a taught position",
+                         *motion.position));
+      }
+    }
+    for (std::size_t i = 0; i < left.size(); ++i) {
+      if (!left[i].empty()) {
+        program.remarks.push_back({.what = kLeftBecause[i], .lines = std::move(left[i])});
+      }
+    }
+  }
+
+private:
+  [[noreturn]] void fail(const std::string& what) const {
+    throw InputError(fmt::format("{}:{}: {}{}", source_, line_, where_, what));
+  }
+
+  void require_end() {
     where_.clear();
     if (at_end()) {
       fail("ends here without /END, expected the whole program");
@@ -44,12 +90,6 @@ public:
     if (!at_end()) {
       fail("goes on after /END with " + shown(rest_of_line()) + ", expected one program in a file");
     }
-    return positions;
-  }
-
-private:
-  [[noreturn]] void fail(const std::string& what) const {
-    throw InputError(fmt::format("{}:{}: {}{}", source_, line_, where_, what));
   }
 
   bool at_end() const { return at_ == text_.size(); }
@@ -96,10 +136,10 @@ private:
     return result.ec == std::errc() && result.ptr == word.data() + word.size() ? std::optional(value) : std::nullopt;
   }
 
-  ProgramPosition position();
-  void group(ProgramPosition& position);
+  ReadPosition position();
+  void group(ReadPosition& read);
   void skip_group();
-  void entry(ProgramPosition& position, std::uint32_t& found);
+  void entry(ReadPosition& read);
   RobotConfiguration configuration();
   NumberField number(std::string_view name);
 
@@ -110,16 +150,16 @@ private:
   std::string where_;  // "P[3]: "
 };
 
-ProgramPosition PositionReader::position() {
+ReadPosition PositionReader::position() {
   where_.clear();
-  ProgramPosition result;
-  result.line = line_;
+  ReadPosition result;
+  result.position.line = line_;
   expect("P[");
   const std::optional<int> number = whole_number(word(":]"));
   if (!number || *number < 1) {
     fail("a position has no number, expected P[1] or above");
   }
-  result.number = *number;
+  result.position.number = *number;
   where_ = fmt::format("P[{}]: ", *number);
   if (take(":")) {  // a comment in quotes may hold any character
     expect("\"");
@@ -147,20 +187,17 @@ ProgramPosition PositionReader::position() {
     }
   }
   expect(";");
-  if (!has_group) {
-    fail("has no group 1, expected GP1");
-  }
   return result;
 }
 
-void PositionReader::group(ProgramPosition& position) {
-  std::uint32_t found = 0;  // a bit for each of the six fields
+void PositionReader::group(ReadPosition& read) {
+  read.left.reset();
   for (skip_blanks(); !at_end() && !starts("GP") && !starts("}"); skip_blanks()) {
-    entry(position, found);
+    entry(read);
   }
-  if (found != (1U << kJoints.size()) - 1U) {
-    fail(position.configuration ? "has no complete pose, expected X Y Z W P R"
-                                : "has no complete joint values, expected J1 to J6, or CONFIG with X Y Z W P R");
+  if (read.found != (1U << kJoints.size()) - 1U) {
+    fail(read.position.configuration ? "has no complete pose, expected X Y Z W P R"
+                                     : "has no complete joint values, expected J1 to J6, or CONFIG with X Y Z W P R");
   }
 }
 
@@ -172,12 +209,13 @@ void PositionReader::skip_group() {
   at_ = end;
 }
 
-// UF : 0 | UT : 1 | CONFIG : '...' | X = ... mm | J1= ... deg | E1= ... mm
-void PositionReader::entry(ProgramPosition& position, std::uint32_t& found) {
-  const std::string_view name = word(":=");
+// UF : 0 | UT : 1 | CONFIG : '...' | X = ... mm | RX = ... mm | J1= ... deg | E1= ... mm
+void PositionReader::entry(ReadPosition& read) {
+  ProgramPosition& position = read.position;
+  std::string_view name = word(":=");
   if (take(":")) {
     skip_blanks();
-    if (name == "CONFIG") {
+    if (name == "CONFIG" || name == "KONFIG") {  // the second on controllers in German
       position.configuration = configuration();
     } else if (name == "UF" || name == "UT") {
       (name == "UF" ? position.user_frame : position.tool_frame) = whole_number(word(","));
@@ -186,6 +224,10 @@ void PositionReader::entry(ProgramPosition& position, std::uint32_t& found) {
     }
     return;
   }
+  if (position.configuration && name.size() == 2 && name.front() == 'R') {
+    read.left = read.left.value_or(Left::remote_tool);
+    name.remove_prefix(1);
+  }
   const auto& names = position.configuration ? kCartesian : kJoints;
   const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
   const bool is_extended = name.size() == 2 && name.front() == 'E' && name.back() >= '1' && name.back() <= '9';
@@ -193,7 +235,13 @@ void PositionReader::entry(ProgramPosition& position, std::uint32_t& found) {
     fail("has " + shown(name) + ", expected " + (position.configuration ? "X Y Z W P R" : "J1 to J6, or CONFIG"));
   }
   expect("=");
-  const NumberField field = number(name);
+  NumberField field;
+  if (rest_of_line().starts_with('*')) {
+    read.left = Left::untaught;
+    at_ = std::min(text_.find_first_not_of(" \t*", at_), text_.size());
+  } else {
+    field = number(name);
+  }
   const std::string_view unit = word(",}");
   if (is_extended) {
     position.has_extended_axes = true;
@@ -203,10 +251,10 @@ void PositionReader::entry(ProgramPosition& position, std::uint32_t& found) {
   if (unit != expected_unit) {
     fail(std::string(name) + " is in " + shown(unit) + ", expected " + expected_unit);
   }
-  if ((found >> place & 1U) != 0U) {
+  if ((read.found >> place & 1U) != 0U) {
     fail("has " + std::string(name) + " twice");
   }
-  found |= 1U << place;
+  read.found |= 1U << place;
   position.fields[place] = field;
 }
 
@@ -249,7 +297,7 @@ NumberField PositionReader::number(std::string_view name) {
   const auto result = std::from_chars(begin, text_.data() + text_.size(), field.value, std::chars_format::fixed);
   constexpr double kMost = 1e6;
   if (result.ec != std::errc() || !(std::abs(field.value) < kMost)) {
-    fail(std::string(name) + " is " + shown(word(",}")) + ", expected a number: a position that was taught");
+    fail(std::string(name) + " is " + shown(word(",}")) + ", expected a number");
   }
   at_ += static_cast<std::size_t>(result.ptr - begin);
   field.end = at_;
@@ -500,8 +548,8 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
     at = std::min(at + content.size() + 1, text.size());
     ++line;
     if (content.starts_with("/POS")) {
-      program.positions = PositionReader(text, source, at, line + 1).read();
       statements.add_remarks();
+      PositionReader(text, source, at, line + 1).read(program);
       return program;
     }
     if (line > 1 && (content.starts_with("/PROG") || content.starts_with("/END"))) {

@@ -54,13 +54,13 @@ struct ProgramRemark {
 
 /// A FANUC teach pendant program as text (LS file).
 struct LsProgram {
-  std::vector<ProgramPosition> positions;
+  std::vector<ProgramPosition> positions;  ///< those with a taught group 1 that states the place of the arm's own tool
   std::vector<ProgramMotion> motions;
-  std::vector<ProgramRemark> remarks;  ///< what the controller decides at run time, one of each kind
+  std::vector<ProgramRemark> remarks;  ///< what the controller decides at run time, and other positions
 };
 
-/// Throws InputError with line and position for a text that is no such program, is cut short or goes on after it,
-/// positions that were not taught ("********"), and a number or a group 1 twice.
+/// Throws InputError with line and position for a text that is no such program, is cut short or goes on after it, a
+/// motion to a position that was not taught ("********"), and a number or a group 1 twice.
 LsProgram parse_ls_program(std::string_view text, const std::string& source);
 
 /// `text` with other numbers in these fields, which are in the order of the text. A number whose three decimals stay

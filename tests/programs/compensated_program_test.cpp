@@ -427,6 +427,52 @@ TEST(LsProgram, SaysWhatTheControllerDecidesAtRunTime) {
   EXPECT_THAT(plain.paths, SizeIs(1));
 }
 
+TEST(LsProgram, LeavesPositionsThatSayNothingOfTheArm) {
+  const std::string good = joints(1, kAtPose);
+  std::string untaught = cartesian(7, "UF : F, UT : F", "N D B, 0, 0, 0", {});
+  for (std::size_t at = 0; (at = untaught.find("   0.000", at)) != std::string::npos;) {
+    untaught.replace(at, 8, "********");
+  }
+  std::string half_taught = joints(8, kAtPose);
+  half_taught.replace(half_taught.find("  -51.975"), 9, " ********");
+  std::string rail = joints(8, kAtPose);
+  rail.insert(rail.find("\n};"), ",\n\tE1= ********  mm");
+  std::string remote = cartesian(9, "UF : 1, UT : 2", "F U T, 0, 0, 0", kPose);
+  for (const std::string name : {"X =", "Y =", "Z =", "W =", "P =", "R ="}) {
+    remote.insert(remote.find("\t" + name) + 1, "R");
+  }
+  const std::string others = "P[5:\"a\"]{\n   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=   100.000  mm\n};\n";
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {untaught, "IN.LS:14: ******** marks positions that are not taught: left as they are"},
+      {half_taught, "IN.LS:14: ******** marks positions that are not taught: left as they are"},
+      {rail, "IN.LS:14: ******** marks positions that are not taught: left as they are"},
+      {remote, "IN.LS:14: RX RY RZ state positions relative to a tool that stands in the cell (remote TCP): left"},
+      {others, "IN.LS:14: positions without GP1 are those of other motion groups: left"}};
+  const Calibration found = bent(1e-3);
+  for (const auto& [position, warning] : cases) {
+    for (const auto& text : {program(good + position), with_crlf(program(good + position))}) {
+      const CompensatedProgram result = compensated(found, text);
+      EXPECT_THAT(result.warnings, ElementsAre(StartsWith(warning)));
+      EXPECT_THAT(result.positions, SizeIs(1));
+      EXPECT_THAT(result.text, HasSubstr(text.substr(text.find(position.substr(0, 4)))));
+      EXPECT_NE(result.text, text);
+    }
+  }
+  const std::string lines = "   1:J P[1] 100% FINE    ;\n   2:C P[1]\n    :  P[7] 9mm/sec FINE    ;\n";
+  EXPECT_REFUSED("IN.LS:8: moves to P[7], which is not taught (********), expected a taught position",
+                 compensated(found, program(good + untaught, lines)));
+}
+
+TEST(LsProgram, ReadsConfigurationsInGerman) {
+  const std::string english = program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose));
+  std::string german = english;
+  german.replace(german.find("CONFIG"), 6, "KONFIG");
+  const Calibration found = bent(1e-3);
+  std::string wanted = compensated(found, english).text;
+  EXPECT_NE(wanted, english);
+  EXPECT_EQ(compensated(found, german).text, wanted.replace(wanted.find("CONFIG"), 6, "KONFIG"));
+}
+
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
   std::string lines;
   for (int i = 0; i < 12; ++i) {
@@ -450,7 +496,7 @@ TEST(LsProgram, RefusesWhatItCannotCompensate) {
       {with("UF : 0", "UF : 4"), "IN.LS:8: P[3]: UF 4 is not known"},
       {with("UT : 0", "UT : F"), "IN.LS:8: P[3]: UT has no number"},
       {with("UF : 0, ", ""), "P[3]: UF has no number"},
-      {with("  1500.000", "  ********"), "IN.LS:11: P[3]: X is '********"},
+      {with("  1500.000", "  nan"), "IN.LS:11: P[3]: X is 'nan  mm', expected a number"},
       {with("  1500.000", "  9500.000"), "P[3]: no joint values reach it with this CONFIG"},
       {with("N U T", "X U T"), "IN.LS:10: P[3]: CONFIG is 'X U T, 0, 0, 0'"},
       {with("0, 0, 0'", "0, 0'"), "CONFIG is"},
