@@ -10,6 +10,8 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/version.hpp"
@@ -33,6 +35,8 @@ struct CompensationOptions {
   /// Wherever a joint is held at a bound, not only near a wrist singularity, an exact position is preferred to the
   /// least squares of position and orientation.
   bool position_first = false;
+  /// Names of independent joints that keep their nominal values, such as a rail.
+  std::vector<std::string> held = {};
 };
 
 /// With at most this many moving joints an arm can be compensated.
@@ -54,8 +58,8 @@ struct CompensatedPoint {
 /// CalibratedArm::predict says how well a target's position is known at the joint values found.
 class Compensator {
 public:
-  /// Throws InputError for a calibration that is not trusted, effects of measured torques, over 32 moving joints and a
-  /// `most_change` that is not above 0.
+  /// Throws InputError for a calibration that is not trusted, effects of measured torques, over 32 moving joints, a
+  /// `most_change` that is not above 0, and a `held` name that no independent joint has.
   explicit Compensator(const Calibration& calibration, const CompensationOptions& options = {});
   // Moving copies, so that there is no empty one.
   Compensator(const Compensator&) = default;

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "base/preconditions.hpp"
+#include "base/text.hpp"
 #include "effects/arm_kinematics.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
@@ -31,6 +32,7 @@ struct Coupling {
   Eigen::Index independent = 0;
   double multiplier = 1.0;
   double offset = 0.0;
+  bool is_held = false;  // never changes
 };
 
 struct Bounds {
@@ -65,15 +67,24 @@ static_assert(kMostJoints <= static_cast<int>(kFewJoints));
 
 using Columns = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kMostJoints>;
 
-std::vector<Coupling> couplings_of(const std::vector<MovingJoint>& joints,
-                                   const std::vector<std::size_t>& independent) {
+std::vector<Coupling> couplings_of(const std::vector<MovingJoint>& joints, const std::vector<std::size_t>& independent,
+                                   const std::vector<std::string>& held) {
   const auto place = [&](std::size_t joint) {
     return static_cast<Index>(std::find(independent.begin(), independent.end(), joint) - independent.begin());
   };
   std::vector<Coupling> couplings;
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const Mimic mimic = joints[i].mimic.value_or(Mimic{.leader = i});
-    couplings.push_back({.independent = place(mimic.leader), .multiplier = mimic.multiplier, .offset = mimic.offset});
+    couplings.push_back({.independent = place(mimic.leader),
+                         .multiplier = mimic.multiplier,
+                         .offset = mimic.offset,
+                         .is_held = std::count(held.begin(), held.end(), joints[mimic.leader].name) > 0});
+  }
+  for (const std::string& name : held) {
+    const auto is_there = [&](std::size_t joint) { return joints[joint].name == name; };
+    if (std::none_of(independent.begin(), independent.end(), is_there)) {
+      refuse_input("the arm has no independent joint " + shown(name) + " to hold", "names of its independent joints");
+    }
   }
   return couplings;
 }
@@ -102,7 +113,7 @@ struct Task {
         rotation_log(X_BF.linear() * reached.linear().transpose());
     for (Index i = 0; i < of_joints.cols(); ++i) {
       const Coupling& coupling = couplings[static_cast<std::size_t>(i)];
-      result.jacobian.col(coupling.independent) += coupling.multiplier * of_joints.col(i);
+      result.jacobian.col(coupling.independent) += (coupling.is_held ? 0.0 : coupling.multiplier) * of_joints.col(i);
     }
     return result;
   }
@@ -276,7 +287,7 @@ struct Compensator::Parts {
   Parts(const PredictionBasis& basis, const CompensationOptions& options)
       : joints(basis.model.joints),
         leaders(independent_joints(joints)),
-        couplings(couplings_of(joints, leaders)),
+        couplings(couplings_of(joints, leaders, options.held)),
         calibrated(basis.model, basis.estimate.errors, basis.estimate.effects),
         nominal(basis.model, Eigen::VectorXd::Zero(basis.estimate.errors.size()), {}),
         position_first(options.position_first) {

@@ -320,6 +320,37 @@ Robot snake(int joints, const std::string& mimic = {}) {
   return parse_robot(testing::urdf::serial(parts));
 }
 
+TEST(Compensation, HoldsJoints) {
+  const Robot robot = snake(7);
+  const Calibration found = bent(robot, 1e-3);
+  const KDL::Chain chain = found.urdf_chain();
+  const VectorXd q{{0.3, 0.8, -0.4, 1.1, 0.5, -0.9, 0.2}};
+  const Eigen::Isometry3d asked = to_eigen(testing::kdl_pose(robot.chain, q));
+  for (Index held = 0; held < q.size(); ++held) {
+    const Compensator compensator(found, {.held = {robot.joints[static_cast<std::size_t>(held)].name}});
+    for (const CompensatedPoint& point : {compensator.solve(q), compensator.solve(asked, q)}) {
+      EXPECT_EQ(point.status, exact) << held;
+      EXPECT_EQ(point.joint_values[held], q[held]);
+      const Distance missed = distance(to_eigen(testing::kdl_pose(chain, point.joint_values)), asked);
+      EXPECT_LE(missed.position, kExact + 1e-12);
+      EXPECT_LE(missed.orientation, kExact + 1e-12);
+      EXPECT_GT((point.joint_values - q).norm(), 1e-4);
+    }
+  }
+  // Five joints cannot reach every pose, and a follower keeps its value with its leader.
+  const CompensatedPoint with_five = Compensator(found, {.held = {"j2", "j5"}}).solve(q);
+  EXPECT_NE(with_five.status, exact);
+  EXPECT_EQ(with_five.joint_values[1], q[1]);
+  EXPECT_EQ(with_five.joint_values[4], q[4]);
+  const Calibration of_follower = bent(snake(8, kFollowsTheSecond), 1e-3);
+  const VectorXd following{{0.3, 0.8, -0.4, 1.1, 0.5, -0.9, 0.2, 0.1 - 2.0 * 0.8}};
+  const CompensatedPoint point = Compensator(of_follower, {.held = {"j2"}}).solve(following);
+  EXPECT_EQ(point.status, exact);
+  EXPECT_EQ(point.joint_values[1], following[1]);
+  EXPECT_NEAR(point.joint_values[7], following[7], 1e-15);
+  EXPECT_REFUSED("no independent joint 'j8' to hold", Compensator(of_follower, {.held = {"j8"}}));
+}
+
 TEST(Compensation, OfSevenJointsChangesThemAsLittleAsPossible) {
   const Calibration found = bent(snake(7), 1e-3);
   const Compensator compensator(found);
