@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
@@ -45,6 +46,7 @@ struct CompensateArguments {
   std::string program;
   std::string controller;
   std::string frames;
+  std::vector<std::string> external_axes;
   std::string joint_convention;
   std::vector<std::string> near;
   double most_change = 5.0;
@@ -332,13 +334,18 @@ ExitStatus run(const CompensateArguments& arguments) {
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   if (!arguments.program.empty()) {
-    const Compensator compensator(
-        load_calibration(arguments.result, robot),
-        {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first});
+    const std::map<int, std::string> external_axes = external_axes_of(arguments.external_axes, robot);
+    CompensationOptions options{.most_change = arguments.most_change * kDegree,
+                                .position_first = arguments.position_first};
+    for (const auto& [axis, joint] : external_axes) {
+      options.held.push_back(joint);
+    }
+    const Compensator compensator(load_calibration(arguments.result, robot), options);
     return compensate_program({.result = arguments.result,
                                .program = arguments.program,
                                .controller = arguments.controller,
                                .frames = arguments.frames,
+                               .external_axes = external_axes,
                                .output = arguments.output,
                                .force = arguments.force,
                                .json = arguments.json},
@@ -397,6 +404,12 @@ Subcommand add_compensate(CLI::App& parser) {
   CLI::Option* program = add_file(*app, "--program", arguments->program, "A FANUC program as text (LS)");
   add_file(*app, "--controller", arguments->controller,
            "Joint convention, world frame and faceplate for --program (JSON) [those of the R-2000iC/165F]")
+      ->needs(program);
+  add_list(
+      *app, "--external-axis", arguments->external_axes,
+      "External axis of --program and the joint of the URDF that it is, such as a rail before the arm; it keeps its "
+      "values; repeatable")
+      ->type_name("E1=JOINT")
       ->needs(program);
   add_file(*app, "--frames", arguments->frames,
            "User and tool frame of the poses: JSON as kdlcal frames writes it [base and flange]; for --program "

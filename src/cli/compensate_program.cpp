@@ -132,6 +132,22 @@ std::string table(const CompensatedProgram& program) {
 
 }  // namespace
 
+std::map<int, std::string> external_axes_of(const std::vector<std::string>& texts, const Robot& robot) {
+  std::map<int, std::string> axes;
+  const std::vector<std::string> joints = joint_names(robot);
+  for (const auto& [axis, joint] : keys_and_values("--external-axis", texts)) {
+    if (axis.size() != 2 || axis.front() != 'E' || axis.back() < '1' || axis.back() > '6') {
+      throw InputError("--external-axis: " + shown(axis) + " is no external axis, expected E1 to E6");
+    }
+    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
+      throw InputError("--external-axis: " + robot.source + " has no joint " + shown(joint) + ", expected one of " +
+                       comma_separated(joints));
+    }
+    axes[axis.back() - '0'] = joint;
+  }
+  return axes;
+}
+
 ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& robot, const Compensator& compensator) {
   const std::string record = arguments.output + std::string(kRecord);
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}},
@@ -140,6 +156,7 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   const std::string text = read_text_file(arguments.program);
   require_program_of_the_user(arguments.program, text);
   Controller controller = controller_of(arguments, robot);
+  controller.external_axes = arguments.external_axes;
   if (!arguments.frames.empty()) {
     controller.frames = read_numbered_frames(arguments.frames);
     if (std::filesystem::path(arguments.frames).extension() == ".json") {

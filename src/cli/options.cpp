@@ -229,20 +229,25 @@ Robot load(const RobotArguments& arguments) {
   return load_robot(arguments.urdf.empty() ? default_urdf_path() : std::filesystem::path(arguments.urdf), ends);
 }
 
-std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std::string>& texts) {
-  std::vector<std::pair<std::string, std::string>> notes;
+std::vector<std::pair<std::string, std::string>> keys_and_values(const std::string& option,
+                                                                 const std::vector<std::string>& texts) {
+  std::vector<std::pair<std::string, std::string>> result;
   for (const std::string& text : texts) {
     const std::size_t end = text.find('=');
     if (end == 0 || end == std::string::npos || !is_utf8(text)) {
-      throw InputError("--note: " + shown(text) + " is not accepted, expected key=value in UTF-8");
+      throw InputError(option + ": " + shown(text) + " is not accepted, expected key=value in UTF-8");
     }
     const std::string key = text.substr(0, end);
-    if (std::any_of(notes.begin(), notes.end(), [&](const auto& note) { return note.first == key; })) {
-      throw InputError("--note: " + shown(key) + " is given more than once, expected each key once");
+    if (std::any_of(result.begin(), result.end(), [&](const auto& each) { return each.first == key; })) {
+      throw InputError(option + ": " + shown(key) + " is given more than once, expected each key once");
     }
-    notes.emplace_back(key, text.substr(end + 1));
+    result.emplace_back(key, text.substr(end + 1));
   }
-  return notes;
+  return result;
+}
+
+std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std::string>& texts) {
+  return keys_and_values("--note", texts);
 }
 
 std::vector<HashedFile> hashed_files(const RobotArguments& arguments, const Robot& robot, const FileRoles& files) {

@@ -58,7 +58,10 @@ void add_seed(CLI::App& app, std::uint64_t& seed);
 /// The groups named by --effects, each at most once; `others` are words that are not groups and must stand alone.
 std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others);
 
-/// Keys and values of --note key=value. Throws InputError for other texts and for a key that is given twice.
+/// Keys and values of texts key=value. Throws InputError for other texts and for a key that is given twice.
+std::vector<std::pair<std::string, std::string>> keys_and_values(const std::string& option,
+                                                                 const std::vector<std::string>& texts);
+/// Those of --note.
 std::vector<std::pair<std::string, std::string>> notes_of(const std::vector<std::string>& texts);
 
 /// --urdf, --dh, --base, --tip

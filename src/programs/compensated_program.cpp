@@ -12,7 +12,9 @@
 
 #include "base/degree.hpp"
 #include "base/parallel.hpp"
+#include "base/text.hpp"
 #include "interface/compensated_line.hpp"
+#include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/ls_program.hpp"
 #include "programs/wrist_arm.hpp"
@@ -67,6 +69,84 @@ private:
   Eigen::Matrix<double, 6, 6> inverse_;
 };
 
+[[noreturn]] void refuse(const std::string& source, const ProgramPosition& position, const std::string& what) {
+  throw InputError(fmt::format("{}:{}: P[{}]: {}", source, position.line, position.number, what));
+}
+
+// The joints of the chain before the six of the arm: rails and turntables, which are external axes of the controller.
+class Carrier {
+public:
+  Carrier(const Robot& robot, const std::map<int, std::string>& axes) {
+    std::vector<std::string> names = joint_names(robot);
+    names.resize(names.size() - std::min<std::size_t>(names.size(), 6));
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      const auto axis =
+          std::find_if(axes.begin(), axes.end(), [&](const auto& each) { return each.second == names[i]; });
+      if (axis != axes.end()) {
+        joints_.push_back({.axis = axis->first, .joint = robot.joints[i]});
+      }
+    }
+    if (joints_.size() != names.size() || axes.size() != names.size()) {
+      throw InputError(robot.source + ": the joints before the six of the arm are " +
+                       (names.empty() ? "none" : comma_separated(names)) +
+                       ", expected --external-axis E1=JOINT for each of them and no other joint");
+    }
+  }
+
+  /// The arm that stands on them.
+  Robot arm(Robot robot) const {
+    robot.joints.erase(robot.joints.begin(), robot.joints.begin() + static_cast<std::ptrdiff_t>(joints_.size()));
+    return robot;
+  }
+
+  bool has(int axis) const {
+    return std::any_of(joints_.begin(), joints_.end(), [&](const Joint& each) { return each.axis == axis; });
+  }
+
+  /// Their values [m or rad] at the position, before those of the arm.
+  CompensatedJoints with(const ProgramPosition& position, const SixJoints& arm, const std::string& source) const {
+    CompensatedJoints q(static_cast<Index>(joints_.size()) + arm.size());
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const Joint& each = joints_[i];
+      const bool slides = each.joint.type == JointType::prismatic;
+      const auto found = std::find_if(position.external.begin(), position.external.end(),
+                                      [&](const ExternalValue& external) { return external.axis == each.axis; });
+      if (found == position.external.end() || found->is_length != slides) {
+        refuse(source, position,
+               fmt::format("has no E{} in {}, expected that of joint {}", each.axis, slides ? "mm" : "deg",
+                           shown(each.joint.name)));
+      }
+      q[static_cast<Index>(i)] = found->value * (slides ? kOneMillimetre : kDegree);
+    }
+    q.tail<6>() = arm;
+    return q;
+  }
+
+  /// X_BC: where the arm stands.
+  Isometry3d pose(const CompensatedJoints& q) const {
+    Isometry3d X_BC = Isometry3d::Identity();
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const MovingJoint& joint = joints_[i].joint;
+      const Eigen::Vector3d axis = to_eigen(joint.axis);
+      const double value = q[static_cast<Index>(i)];
+      X_BC = X_BC * to_eigen(joint.origin);
+      if (joint.type == JointType::prismatic) {
+        X_BC = X_BC * Eigen::Translation3d(value * axis);
+      } else {
+        X_BC = X_BC * Eigen::AngleAxisd(value, axis);
+      }
+    }
+    return X_BC;
+  }
+
+private:
+  struct Joint {
+    int axis = 0;
+    MovingJoint joint;
+  };
+  std::vector<Joint> joints_;
+};
+
 SixJoints numbers_of(const ProgramPosition& position) {
   SixJoints numbers;
   for (std::size_t i = 0; i < position.fields.size(); ++i) {
@@ -99,15 +179,16 @@ public:
       : compensator_(compensator),
         controller_(controller),
         source_(std::move(source)),
-        joints_(robot, controller.convention),
-        arm_(robot, joints_.urdf(SixJoints::Zero())) {}
+        carrier_(robot, controller.external_axes),
+        joints_(carrier_.arm(robot), controller.convention),
+        arm_(carrier_.arm(robot), joints_.urdf(SixJoints::Zero())) {}
 
   struct Outcome {
     CompensatedPosition position;
     const ProgramPosition* commanded = nullptr;
-    SixJoints asked;        // nominal joint values of the URDF
-    SixJoints q;            // those commanded
-    double rounding = 0.0;  // [m]
+    CompensatedJoints asked;  // nominal joint values of the URDF
+    CompensatedJoints q;      // those commanded
+    double rounding = 0.0;    // [m]
   };
 
   /// Sets the numbers of the position.
@@ -116,13 +197,14 @@ public:
     Outcome result;
     result.position.number = position.number;
     result.commanded = &position;
-    const CompensatedPoint point =
-        position.configuration ? solve_pose(position, numbers, result.asked) : solve_joints(numbers, result.asked);
+    const CompensatedPoint point = position.configuration ? solve_pose(position, numbers, result.asked)
+                                                          : solve_joints(position, numbers, result.asked);
     result.position.status = point.status;
     result.q = point.joint_values;
     result.position.written =
         point.status == CompensationStatus::exact || point.status == CompensationStatus::position_only;
-    if (result.position.written && position.configuration && configuration_of(result.q) != *position.configuration) {
+    if (result.position.written && position.configuration &&
+        configuration_of(result.q.tail<6>()) != *position.configuration) {
       result.position.status = CompensationStatus::branch_changed;
       result.position.written = false;
     }
@@ -131,11 +213,11 @@ public:
       result.position.change.setZero();
       return result;
     }
-    result.position.change = joints_.controller(result.q) - joints_.controller(result.asked);
+    const SixJoints commanded = joints_.controller(result.q.tail<6>());
+    result.position.change = commanded - joints_.controller(result.asked.tail<6>());
     result.position.position_error = point.position_error;
     result.position.orientation_error = point.orientation_error;
-    set_numbers(position,
-                position.configuration ? pose_numbers(position, numbers, result.q) : joints_.controller(result.q));
+    set_numbers(position, position.configuration ? pose_numbers(position, numbers, result.q) : commanded);
     result.rounding =
         (flange(position, numbers_of(position)).translation() - compensator_.nominal_pose(result.q).translation())
             .norm();
@@ -153,7 +235,7 @@ public:
 
 private:
   [[noreturn]] void fail(const ProgramPosition& position, const std::string& what) const {
-    throw InputError(fmt::format("{}:{}: P[{}]: {}", source_, position.line, position.number, what));
+    refuse(source_, position, what);
   }
 
   // Frame 0 is the world, or the faceplate.
@@ -180,16 +262,20 @@ private:
     return *found;
   }
 
+  CompensatedJoints all_joints(const ProgramPosition& position, const SixJoints& arm) const {
+    return carrier_.with(position, arm, source_);
+  }
+
   // X_BF of the position's numbers.
   Isometry3d flange(const ProgramPosition& position, const SixJoints& numbers) const {
     if (!position.configuration) {
-      return compensator_.nominal_pose(joints_.urdf(numbers));
+      return compensator_.nominal_pose(all_joints(position, joints_.urdf(numbers)));
     }
     return controller_.X_BW * required_frame(position, false) * frame_of_xyzwpr(numbers) *
            (controller_.X_FP * required_frame(position, true)).inverse();
   }
 
-  SixJoints pose_numbers(const ProgramPosition& position, const SixJoints& old, const SixJoints& q) const {
+  SixJoints pose_numbers(const ProgramPosition& position, const SixJoints& old, const CompensatedJoints& q) const {
     return xyzwpr_of((controller_.X_BW * required_frame(position, false)).inverse() * compensator_.nominal_pose(q) *
                          controller_.X_FP * required_frame(position, true),
                      old);
@@ -207,17 +293,25 @@ private:
     return result;
   }
 
-  CompensatedPoint solve_joints(const SixJoints& numbers, SixJoints& asked) const {
-    asked = joints_.urdf(numbers);
+  CompensatedPoint solve_joints(const ProgramPosition& position, const SixJoints& numbers,
+                                CompensatedJoints& asked) const {
+    asked = all_joints(position, joints_.urdf(numbers));
     return compensator_.solve(asked);
   }
 
-  CompensatedPoint solve_pose(const ProgramPosition& position, const SixJoints& numbers, SixJoints& asked) const {
-    if (position.has_extended_axes) {
-      fail(position, "is a pose that extended axes (E1) carry, expected joint values J1 to J6");
+  CompensatedPoint solve_pose(const ProgramPosition& position, const SixJoints& numbers,
+                              CompensatedJoints& asked) const {
+    for (const ExternalValue& external : position.external) {
+      if (!carrier_.has(external.axis)) {
+        fail(position,
+             fmt::format("is a pose with an external axis E{0}, expected --external-axis E{0}=JOINT of a URDF "
+                         "with that joint, or joint values J1 to J6",
+                         external.axis));
+      }
     }
     const Isometry3d X_BF = flange(position, numbers);
-    const WristArm::Solutions solutions = arm_.solve(X_BF);
+    const CompensatedJoints start = all_joints(position, SixJoints::Zero());
+    const WristArm::Solutions solutions = arm_.solve(carrier_.pose(start).inverse() * X_BF);
     const RobotConfiguration& wanted = *position.configuration;
     std::optional<SixJoints> found;
     for (const SixJoints& solution : solutions.joint_values) {
@@ -240,13 +334,14 @@ private:
                          ? "stands in a singularity, where many joint values reach it, expected joint values"
                          : "no joint values reach it with this CONFIG, expected a pose within reach");
     }
-    asked = *found;
-    return compensator_.solve(X_BF, *found);
+    asked = all_joints(position, *found);
+    return compensator_.solve(X_BF, asked);
   }
 
   const Compensator& compensator_;
   const Controller& controller_;
   std::string source_;
+  Carrier carrier_;
   ControllerJoints joints_;
   WristArm arm_;
 };

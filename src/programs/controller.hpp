@@ -19,9 +19,10 @@ struct NumberedFrames {
 /// How the controller of an arm counts joints, and where it has its frames.
 struct Controller {
   JointConvention convention;
-  Eigen::Isometry3d X_BW;  ///< its world frame in the base frame; not the measuring device's
-  Eigen::Isometry3d X_FP;  ///< the faceplate in the flange frame
-  NumberedFrames frames;   ///< empty unless they are read as well
+  Eigen::Isometry3d X_BW;                         ///< its world frame in the base frame; not the measuring device's
+  Eigen::Isometry3d X_FP;                         ///< the faceplate in the flange frame
+  NumberedFrames frames;                          ///< empty unless they are read as well
+  std::map<int, std::string> external_axes = {};  ///< by number, the joints of the URDF that carry the arm
 };
 
 /// Reads such a description (JSON, see urdf/README.md) and the joint convention that it names. Throws InputError.

@@ -140,6 +140,7 @@ private:
   void group(ReadPosition& read);
   void skip_group();
   void entry(ReadPosition& read);
+  void external(ProgramPosition& position, const ExternalValue& value, std::string_view unit) const;
   RobotConfiguration configuration();
   NumberField number(std::string_view name);
 
@@ -230,8 +231,8 @@ void PositionReader::entry(ReadPosition& read) {
   }
   const auto& names = position.configuration ? kCartesian : kJoints;
   const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
-  const bool is_extended = name.size() == 2 && name.front() == 'E' && name.back() >= '1' && name.back() <= '9';
-  if (place == names.size() && !is_extended) {
+  const bool is_external = name.size() == 2 && name.front() == 'E' && name.back() >= '1' && name.back() <= '6';
+  if (place == names.size() && !is_external) {
     fail("has " + shown(name) + ", expected " + (position.configuration ? "X Y Z W P R" : "J1 to J6, or CONFIG"));
   }
   expect("=");
@@ -243,8 +244,8 @@ void PositionReader::entry(ReadPosition& read) {
     field = number(name);
   }
   const std::string_view unit = word(",}");
-  if (is_extended) {
-    position.has_extended_axes = true;
+  if (is_external) {
+    external(position, {.axis = name.back() - '0', .value = field.value, .is_length = unit == "mm"}, unit);
     return;
   }
   const char* expected_unit = position.configuration && place < 3 ? "mm" : "deg";
@@ -256,6 +257,17 @@ void PositionReader::entry(ReadPosition& read) {
   }
   read.found |= 1U << place;
   position.fields[place] = field;
+}
+
+void PositionReader::external(ProgramPosition& position, const ExternalValue& value, std::string_view unit) const {
+  if (unit != "mm" && unit != "deg") {
+    fail(fmt::format("E{} is in {}, expected mm or deg", value.axis, shown(unit)));
+  }
+  if (std::any_of(position.external.begin(), position.external.end(),
+                  [&](const ExternalValue& each) { return each.axis == value.axis; })) {
+    fail(fmt::format("has E{} twice", value.axis));
+  }
+  position.external.push_back(value);
 }
 
 RobotConfiguration PositionReader::configuration() {

@@ -26,6 +26,13 @@ struct RobotConfiguration {
   bool operator==(const RobotConfiguration&) const = default;
 };
 
+/// E1 to E6 of a position.
+struct ExternalValue {
+  int axis = 0;  ///< 1 to 6
+  double value = 0.0;
+  bool is_length = false;  ///< [mm], else [deg]
+};
+
 /// The first motion group of P[number].
 struct ProgramPosition {
   int number = 0;
@@ -34,7 +41,7 @@ struct ProgramPosition {
   std::optional<int> tool_frame;
   std::optional<RobotConfiguration> configuration;  ///< of a Cartesian position; none of joint values
   std::array<NumberField, 6> fields;                ///< X Y Z [mm] W P R [deg], or J1 to J6 [deg]
-  bool has_extended_axes = false;                   ///< E1, E2 ...
+  std::vector<ExternalValue> external;              ///< in the order of the text
 };
 
 /// A motion instruction, or one half of a circular one.

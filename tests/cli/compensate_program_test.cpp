@@ -76,6 +76,36 @@ TEST_F(ProgramFiles, OfACompensatedProgramAndAnotherRobotAreRefused) {
   EXPECT_EQ(run(other + Words{"--controller", kController}).status, 0);
 }
 
+TEST_F(ProgramFiles, WithAnExternalAxisNeedItsJoint) {
+  std::string urdf = fanuc().urdf;
+  urdf.insert(urdf.find("</robot>"), R"(<link name="floor"/><joint name="rail" type="prismatic">
+    <parent link="floor"/><child link="base_link"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" effort="0" velocity="1"/></joint>)");
+  write("rail.urdf", urdf);
+  succeed(
+      words_of("simulate --urdf rail.urdf --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --output rail.csv"));
+  succeed(
+      words_of("calibrate --urdf rail.urdf --measurements rail.csv --effects none --prior none --result rail.json"));
+  std::string text = program("UF : 0, UT : 0", Vector3d(1500, -300, 360));
+  text.insert(text.find("\r\n};"), ",\r\n\tE1=   300.000  mm");
+  write("IN.LS", text);
+  expect_refused(kCompensate, {"IN.LS:5: P[1]", "E1", "--external-axis E1=JOINT"});
+  Words with_rail = kCompensate + Words{"--urdf", "rail.urdf", "--controller", kController};
+  with_rail[2] = "rail.json";
+  expect_refused(with_rail, {"rail.urdf", "rail", "--external-axis E1=JOINT"});
+  expect_refused(with_rail + Words{"--external-axis", "E1=slide"}, {"--external-axis", "'slide'", "rail, joint_1"});
+  expect_refused(with_rail + Words{"--external-axis", "E7=rail"}, {"--external-axis", "'E7'", "E1 to E6"});
+  expect_refused(with_rail + Words{"--external-axis", "rail"}, {"--external-axis", "'rail'"});
+  expect_refused(words_of("compensate --result r.json --joints m.csv --output o --external-axis E1=joint_1"),
+                 {"--external-axis", "--program"});
+  // The rail runs along the base's x, which is against the world's y: the arm is where y is 0 without it.
+  const Json on_rail = run_json(with_rail + Words{"--external-axis", "E1=rail"});
+  EXPECT_EQ(on_rail["positions"][0]["status"], "exact");
+  EXPECT_EQ(on_rail["positions"][0]["change"].size(), 6U);
+  EXPECT_THAT(text_of("OUT.LS"), HasSubstr(",\r\n\tE1=   300.000  mm\r\n};"));
+  EXPECT_NE(text_of("OUT.LS"), text);
+}
+
 // At zero the faceplate's x, y and z point along the flange's z, x and y: so do the numbers of UTOOL.
 TEST_F(ProgramFiles, TakeTheTargetsOfTheCalibrationAsTools) {
   const Words frames = words_of("frames --result r.json --tool-number 4 --output f.json --controller " + kController);

@@ -473,6 +473,120 @@ TEST(LsProgram, ReadsConfigurationsInGerman) {
   EXPECT_EQ(compensated(found, german).text, wanted.replace(wanted.find("CONFIG"), 6, "KONFIG"));
 }
 
+// ---- External axes -------------------------------------------------------------------------------------------------
+
+// The arm on a turntable that a rail carries.
+const Robot& on_rail() {
+  static const Robot robot = [] {
+    std::string urdf = fanuc().urdf;
+    urdf.insert(urdf.find("</robot>"), R"(<link name="floor"/><link name="carriage"/>
+      <joint name="rail" type="prismatic"><parent link="floor"/><child link="carriage"/>
+        <origin xyz="0.2 -0.1 0.05" rpy="0.02 0 0.3"/><axis xyz="0 1 0"/>
+        <limit lower="-2" upper="2" effort="0" velocity="1"/></joint>
+      <joint name="turn" type="continuous"><parent link="carriage"/><child link="base_link"/>
+        <origin xyz="0.1 0 0" rpy="0 0.01 -0.3"/><axis xyz="0 0 1"/></joint>)");
+    return parse_robot(urdf, {.base = "floor", .tip = "flange"}, "rail.urdf");
+  }();
+  return robot;
+}
+
+Calibration bent_on_rail(double size) {
+  const ErrorModel model = complete_model(on_rail());
+  Random random(4);
+  return calibration_of(model, testing::random_errors(model, random, size, size));
+}
+
+CompensatedProgram compensated_on_rail(const Calibration& calibration, const std::string& text,
+                                       const std::map<int, std::string>& axes = {{1, "turn"}, {2, "rail"}}) {
+  Controller with_axes = controller();
+  with_axes.external_axes = axes;
+  return compensated_program(on_rail(), Compensator(calibration, {.held = {"rail", "turn"}}), with_axes, text, "IN.LS");
+}
+
+std::string with_axes(std::string position, double turn, double rail) {
+  return position.insert(position.find("\n};"), fmt::format(",\n\tE1={:10.3f} deg,\tE2={:10.3f}  mm", turn, rail));
+}
+
+// Turntable [deg], rail [mm] and the arm's own values.
+VectorXd rail_joints(double turn, double rail, const VectorXd& arm) {
+  VectorXd q(8);
+  q << 1e-3 * rail, turn * kDegree, arm;
+  return q;
+}
+
+// X Y Z W P R that the controller shows where its nominal arm stands at these values.
+Numbers shown_pose(const VectorXd& q) {
+  const SixJoints n =
+      xyzwpr_of(controller().X_BW.inverse() * by_kdl(on_rail().chain, q) * controller().X_FP, SixJoints::Zero());
+  return {n[0] * 1e3, n[1] * 1e3, n[2] * 1e3, n[3] / kDegree, n[4] / kDegree, n[5] / kDegree};
+}
+
+TEST(ExternalAxes, CarryTheArmAndStayAsTheyAre) {
+  const Calibration found = bent_on_rail(1e-3);
+  const KDL::Chain calibrated = found.urdf_chain();
+  int checked = 0;
+  for (const auto& [turn, rail] :
+       std::vector<std::pair<double, double>>{{0.0, 0.0}, {-20.5, 812.25}, {95.0, -1500.0}}) {
+    const VectorXd asked = rail_joints(turn, rail, urdf_joints(kAtPose));
+    const Numbers pose = shown_pose(asked);
+    const std::string text = program(with_axes(joints(1, kAtPose), turn, rail) +
+                                     with_axes(cartesian(2, "UF : 0, UT : 0", "N U T, 0, 0, 0", pose), turn, rail));
+    const CompensatedProgram result = compensated_on_rail(found, text);
+    const std::vector<ProgramPosition> written = parse_ls_program(result.text, "OUT.LS").positions;
+    const Isometry3d goal = by_kdl(on_rail().chain, asked);
+    const auto reached = [&](const VectorXd& arm) {
+      EXPECT_GT(distance(by_kdl(calibrated, asked), goal), 1e-3);
+      ++checked;
+      return distance(by_kdl(calibrated, rail_joints(turn, rail, arm)), goal);
+    };
+    EXPECT_LT(reached(urdf_joints(values_of(written[0]))), 5e-5);
+    // The controller finds the arm's values for the commanded pose at these values of its axes.
+    Numbers driven = kAtPose;
+    for (std::size_t i = 0; i < 6; ++i) {
+      driven[i] += result.positions[1].change[static_cast<Eigen::Index>(i)] / kDegree;
+    }
+    EXPECT_LT(reached(urdf_joints(driven)), 5e-5);
+    EXPECT_LT(distance(flange_of(values_of(written[1])),
+                       by_kdl(on_rail().chain, rail_joints(turn, rail, urdf_joints(driven)))),
+              5e-5);
+    for (std::size_t i = 0; i < 2; ++i) {
+      EXPECT_EQ(result.positions[i].status, CompensationStatus::exact);
+      EXPECT_EQ(written[i].external.at(0).value, turn);
+      EXPECT_EQ(written[i].external.at(1).value, rail);
+    }
+  }
+  EXPECT_EQ(checked, 6);
+}
+
+TEST(ExternalAxes, MoveEvenlyAlongAPath) {
+  const std::string lines = "   1:J P[1] 100% FINE    ;\n   2:L P[2] 500mm/sec FINE    ;\n";
+  const Numbers there = {20, 10, -20, 70, -55, -70};
+  const std::string text =
+      program(with_axes(joints(1, kAtPose), 10, -900) + with_axes(joints(2, there), 25, 700), lines);
+  EXPECT_THAT(compensated_on_rail(bent_on_rail(0.0), text).paths, SizeIs(0));
+  EXPECT_EQ(compensated_on_rail(bent_on_rail(0.0), text).text, text);
+  const CompensatedProgram result = compensated_on_rail(bent_on_rail(3e-3), text);
+  ASSERT_THAT(result.paths, SizeIs(1));
+  EXPECT_LT(result.paths.front().deviation, 0.02);
+}
+
+TEST(ExternalAxes, AreAllStated) {
+  const Calibration found = bent_on_rail(1e-3);
+  const std::string position = with_axes(joints(1, kAtPose), 10, 100);
+  const std::string text = program(position);
+  for (const std::map<int, std::string>& axes : std::vector<std::map<int, std::string>>{
+           {}, {{1, "rail"}}, {{1, "rail"}, {2, "joint_1"}}, {{1, "rail"}, {2, "turn"}, {3, "turn"}}}) {
+    EXPECT_REFUSED("rail.urdf: the joints before the six of the arm are rail, turn, expected --external-axis E1=JOINT",
+                   compensated_on_rail(found, text, axes));
+  }
+  EXPECT_REFUSED("IN.LS:8: P[1]: has no E1 in mm, expected that of joint 'rail'",
+                 compensated_on_rail(found, text, {{1, "rail"}, {2, "turn"}}));
+  EXPECT_REFUSED("P[1]: has no E4 in deg, expected that of joint 'turn'",
+                 compensated_on_rail(found, text, {{2, "rail"}, {4, "turn"}}));
+  // The values of an arm that stands on no axis are its own: an axis beside them moves something else.
+  EXPECT_EQ(compensated(bent(1e-3), text).positions.front().status, CompensationStatus::exact);
+}
+
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
   std::string lines;
   for (int i = 0; i < 12; ++i) {
@@ -503,7 +617,11 @@ TEST(LsProgram, RefusesWhatItCannotCompensate) {
       {with(" mm", " in"), "P[3]: X is in 'in', expected mm"},
       {with("\tX =", "\tQ ="), "P[3]: has 'Q', expected X Y Z W P R"},
       {with("\tY =", "\tX ="), "P[3]: has X twice"},
-      {with(" deg\n", " deg,\n\tE1=   100.000  mm\n"), "P[3]: is a pose that extended axes"},
+      {with(" deg\n", " deg,\n\tE1=   100.000  mm\n"),
+       "IN.LS:8: P[3]: is a pose with an external axis E1, expected --external-axis E1=JOINT"},
+      {with(" deg\n", " deg,\n\tE7=   100.000  mm\n"), "P[3]: has 'E7', expected X Y Z W P R"},
+      {with(" deg\n", " deg,\n\tE1=   100.000  in\n"), "IN.LS:13: P[3]: E1 is in 'in', expected mm or deg"},
+      {with(" deg\n", " deg,\n\tE1= 1 mm,\tE1= 1 mm\n"), "P[3]: has E1 twice"},
       {with("P[3]", "P[x]"), "IN.LS:8: a position has no number"},
       {with("};", ""), "P[3]: "},
       {"/PROG  T\n/MN\n   1:J P[1] 100% FINE    ;\n", "IN.LS:3: ends here without /POS"},
