@@ -404,8 +404,9 @@ std::string warning_of(const ProgramRemark& remark, const std::string& source) {
   if (remark.lines.size() > kMostLines) {
     others += fmt::format(" and {} more", remark.lines.size() - kMostLines);
   }
-  return fmt::format("{}:{}: {}{}", source, remark.lines.front(), remark.what,
-                     others.empty() ? "" : " (also in lines " + others + ")");
+  return fmt::format(
+      "{}:{}: {}{}", source, remark.lines.front(), remark.what,
+      others.empty() ? "" : (remark.lines.size() == 2 ? " (also in line " : " (also in lines ") + others + ")");
 }
 
 }  // namespace

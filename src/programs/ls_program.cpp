@@ -101,6 +101,15 @@ private:
     }
   }
 
+  // In the same line.
+  std::size_t after_blanks() const {
+    std::size_t at = at_;
+    while (at < text_.size() && (text_[at] == ' ' || text_[at] == '\t')) {
+      ++at;
+    }
+    return at;
+  }
+
   bool take(std::string_view expected) {
     if (!starts(expected)) {
       return false;
@@ -237,7 +246,7 @@ void PositionReader::entry(ReadPosition& read) {
   }
   expect("=");
   NumberField field;
-  if (rest_of_line().starts_with('*')) {
+  if (text_.substr(after_blanks()).starts_with('*')) {
     read.left = Left::untaught;
     at_ = std::min(text_.find_first_not_of(" \t*", at_), text_.size());
   } else {
@@ -304,7 +313,7 @@ RobotConfiguration PositionReader::configuration() {
 
 NumberField PositionReader::number(std::string_view name) {
   NumberField field{.begin = at_};
-  at_ = std::min(text_.find_first_not_of(" \t", at_), text_.size());
+  at_ = after_blanks();
   const char* begin = text_.data() + at_;
   const auto result = std::from_chars(begin, text_.data() + text_.size(), field.value, std::chars_format::fixed);
   constexpr double kMost = 1e6;
@@ -358,7 +367,7 @@ constexpr std::array kRunTimeWords = std::to_array<RunTimeWord>({
     {WordPlace::assigned, "BENUTZER_NUM", "BENUTZER_NUM", kFrameNumber},  // on controllers in German
     {WordPlace::assigned, "WKZ_NUM", "WKZ_NUM", kFrameNumber},
     {WordPlace::copied, "PR[", "PR[...]=P[...]",
-     "puts a compensated position into a register: what is computed from it and motions to it begin with that"},
+     "puts a compensated position into a register: motions to it, and what is computed from it, use that"},
     {WordPlace::head, "LINE_TRACK_SCHEDULE_NUMBER", "LINE_TRACK_SCHEDULE_NUMBER",
      "lets positions travel with a conveyor: compensated where they are while it stands"},
 });

@@ -32,6 +32,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using testing::kDegree;
 using ::testing::SizeIs;
@@ -400,8 +401,8 @@ TEST(LsProgram, SaysWhatTheControllerDecidesAtRunTime) {
       {"IF (R[1:a]=2),UTOOL_NUM=AR[1]", "UTOOL_NUM is chosen", "their own UF and UT"},
       {"BENUTZER_NUM=R[3]", "BENUTZER_NUM is chosen", "their own UF and UT"},
       {"WKZ_NUM=R[3]", "WKZ_NUM is chosen", "their own UF and UT"},
-      {"PR[9:a=b]=P[2]", "PR[...]=P[...] puts a compensated position into a register", "begin with that"},
-      {"PR[R[1]]=PR[2]-P[R[1]]", "PR[...]=P[...] puts", "begin with that"},
+      {"PR[9:a=b]=P[2]", "PR[...]=P[...] puts a compensated position into a register", "use that"},
+      {"PR[R[1]]=PR[2]-P[R[1]]", "PR[...]=P[...] puts", "use that"},
       {"L PAL_1[BTM] 100mm/sec FINE", "PAL_n[...] holds a place", "not compensated"},
       {"J PR[GP1:5] 10% FINE", "PR[...] holds a place", "not compensated"},
       {"JP[AR[1]] 10% FINE", "P[AR[...]] holds a place", "not compensated"},
@@ -588,13 +589,17 @@ TEST(ExternalAxes, AreAllStated) {
 }
 
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
-  std::string lines;
-  for (int i = 0; i < 12; ++i) {
-    lines += "    :L P[1] 9mm/sec FINE Offset    ;\n";
-  }
-  const CompensatedProgram result = compensated(bent(0.0), program(joints(1, kAtPose), lines));
+  const auto warnings_of = [](int count) {
+    std::string lines;
+    for (int i = 0; i < count; ++i) {
+      lines += "    :L P[1] 9mm/sec FINE Offset    ;\n";
+    }
+    return compensated(bent(0.0), program(joints(1, kAtPose), lines)).warnings;
+  };
+  EXPECT_THAT(warnings_of(1), ElementsAre(EndsWith("without that")));
+  EXPECT_THAT(warnings_of(2), ElementsAre(EndsWith("without that (also in line 7)")));
   EXPECT_THAT(
-      result.warnings,
+      warnings_of(12),
       ElementsAre("IN.LS:6: Offset moves positions at run time: compensated where they are without that (also in "
                   "lines 7, 8, 9, 10, 11, 12, 13, 14, 15 and 2 more)"));
 }
