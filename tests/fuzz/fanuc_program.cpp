@@ -7,8 +7,15 @@ namespace kdl_calibration::fuzzing {
 
 void fanuc_program(std::string_view bytes) {
   let_input_errors_pass([&] {
+    const LsProgram program = parse_ls_program(bytes, "IN.LS");
+    const auto last_line = 1 + static_cast<std::size_t>(std::count(bytes.begin(), bytes.end(), '\n'));
+    for (const ProgramRemark& remark : program.remarks) {
+      promise(!remark.lines.empty() && std::is_sorted(remark.lines.begin(), remark.lines.end()) &&
+                  remark.lines.front() > 0 && remark.lines.back() <= last_line,
+              "lines of the text, in order");
+    }
     std::vector<NumberField> fields;
-    for (const ProgramPosition& position : parse_ls_program(bytes, "IN.LS").positions) {
+    for (const ProgramPosition& position : program.positions) {
       fields.insert(fields.end(), position.fields.begin(), position.fields.end());
     }
     for (const NumberField& field : fields) {
