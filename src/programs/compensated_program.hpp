@@ -39,9 +39,10 @@ struct CompensatedProgram {
 };
 
 /// A FANUC program (LS) with positions at which the calibrated arm is where the nominal one would be. Of each position
-/// only the numbers of group 1 change; increments (INC) stay as they are. Throws InputError as parse_ls_program does,
-/// and for a Cartesian position whose frames are not known, that no or several joint values reach with its CONFIG, or
-/// that depends on extended axes.
+/// only the numbers of the arm in group 1 change; increments (INC) stay as they are. The compensator holds the joints
+/// that are external axes. Throws InputError as parse_ls_program does, for a chain whose joints before the six of the
+/// arm are not all external axes, for a position without the value of one, and for a Cartesian position whose frames
+/// are not known, that no or several joint values reach with its CONFIG, or that has another external axis.
 CompensatedProgram compensated_program(const Robot& robot, const Compensator& compensator, const Controller& controller,
                                        std::string_view text, const std::string& source);
 
