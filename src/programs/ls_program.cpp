@@ -425,10 +425,15 @@ public:
 private:
   static bool is_separator(char c) { return is_blank(c) || c == ','; }
 
-  // At a line's end goes on to the colon of the next line. False if that continues nothing.
+  // At a line's end goes on to the colon of the next line. False if that continues nothing. A semicolon at a line's end
+  // ends every statement, even behind a bracket that does not close.
   bool begin_next_line() {
     if (text_[at_] != '\n') {
       return true;
+    }
+    const std::size_t last = text_.substr(0, at_).find_last_not_of(" \t\r");
+    if (last != std::string_view::npos && text_[last] == ';') {
+      return false;
     }
     const std::string_view rest = text_.substr(at_ + 1);
     const std::optional<NumberedLine> next = numbered_line(rest.substr(0, rest.find('\n')));

@@ -376,6 +376,9 @@ TEST(LsProgram, ReadsAMotionUpToItsSemicolon) {
     EXPECT_THAT(result.text, HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << end;
     EXPECT_THAT(result.positions, SizeIs(1));
   }
+  // A bracket that does not close hides no semicolon at a line's end.
+  EXPECT_THAT(of("    :  !as PR[5 ;\r\n    :J P[1] 100% FINE INC    ;\n").warnings,
+              ElementsAre(StartsWith("IN.LS:7: INC makes a position an increment")));
   const std::string whole =
       "   1:J P[1] 100% CNT5 ACC80 TB .05sec,DO[1:INC]=ON    ;\n   2:L P[2] 9mm/sec FINE PTH\n    :  Skip,LBL[1: INC ;]"
       "    ; ! INC\n    :  INC    ;\n   3:  !L P[1] INC    ;\n   4:  //L P[1] 9mm/sec FINE INC    ;\n";
