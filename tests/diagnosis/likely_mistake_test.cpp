@@ -248,15 +248,15 @@ double tip_height(const Measured& m, const Eigen::VectorXd& q) {
 
 // Effects that fit a change of the payload hide it: they are doubted as well.
 TEST(LikelyMistake, IsFoundThoughEffectsTakeItUp) {
-  constexpr double kSag = 2e-4;     // [rad] for each metre of the lever
-  constexpr double kStep = 1e-3;    // [rad] of the difference quotient
-  for (const int from : {24, 9}) {  // none of 24 configurations, and later ones
+  constexpr double kSag = 2e-4;       // [rad] for each metre of the lever
+  constexpr double kHalfStep = 1e-3;  // [rad] of the difference quotient
+  for (const int from : {24, 9}) {    // none of 24 configurations, and later ones
     Measured m = measured(large_arm(), 21, {.configurations = 24, .effect = 1e-4});
     drive(m, from, [&](Eigen::VectorXd& q) {
       const Eigen::VectorXd straight = q;
       for (const Eigen::Index joint : {1, 2, 4}) {
-        const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(q.size(), joint);
-        q[joint] -= kSag * (tip_height(m, straight + step) - tip_height(m, straight - step)) / (2.0 * kStep);
+        const Eigen::VectorXd step = kHalfStep * Eigen::VectorXd::Unit(q.size(), joint);
+        q[joint] -= kSag * (tip_height(m, straight + step) - tip_height(m, straight - step)) / (2.0 * kHalfStep);
       }
     });
     m.model.effects = effect_terms(m.model, EffectGroup::gravity, m.data.joint_values);
