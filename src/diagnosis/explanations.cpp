@@ -303,7 +303,7 @@ Explained Explanations::explained(const AlternativeSums& sums, const Alternative
   const Solution without = solution(nothing(), at);
   Explained result{.estimate = found.estimate, .covariance = found.covariance};
   const OfStrata left = found.left * at.weights.variance;
-  result.share_left = std::min((left[0] + left[1]) / std::max(fit_.doubted_squares, kTiny), 1.0);
+  result.share_left = (left[0] + left[1]) / std::max(fit_.doubted_squares, kTiny);
 
   // Degrees of freedom of the variances that the explained squares are compared with, by their shares (Satterthwaite).
   const double explained = std::max(found.explained, kTiny);

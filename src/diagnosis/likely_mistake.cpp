@@ -246,7 +246,7 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
   const double rms = fit.misfit();
   for (const MistakeFamily* family : tried) {
     const Explained explained = explanations.explained(family->best->sums, family->best->motion);
-    const double left = rms * std::sqrt(explained.share_left);
+    const double left = rms * std::sqrt(std::min(explained.share_left, 1.0));  // beside ordinary sizes it is more
     const double radius = kRadius * std::hypot(uncertainty * left / rms, left);
     const Found found{.trial = *family->best,
                       .explained = explained,

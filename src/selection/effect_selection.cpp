@@ -37,6 +37,7 @@ constexpr std::size_t kMostConfigurations = 2000;
 constexpr double kFlatTable = 5e-6;  // [m or rad]
 
 bool is_tables(const EffectOption& option) { return option.name == to_string(EffectGroup::tables); }
+bool is_gravity(const EffectOption& option) { return option.name == to_string(EffectGroup::gravity); }
 bool is_ripple(const EffectOption& option) { return option.name == to_string(EffectGroup::ripple); }
 
 void append(std::vector<EffectTerm>& terms, const std::vector<EffectTerm>& more) {
@@ -232,10 +233,12 @@ private:
   }
 
   // How many configurations like the measured ones carry a model with one more group: others could hide a mistake in
-  // its terms. However many points are measured of it, a configuration shows no more than the pose of the flange.
-  // Tables are one smooth function of a joint however many terms they have.
+  // its terms. However many points are measured of it, a configuration shows no more than the pose of the flange. Every
+  // arm sags, so that gravity needs fewer equations; tables are one smooth function of a joint however many terms they
+  // have.
   Index configurations_for(const CandidateModel& model, const EffectOption& option) const {
     constexpr double kEquations = 1.5;  // of each unknown
+    constexpr double kEquationsOfGravity = 1.1;
     if (is_tables(option) || is_ripple(option)) {
       return 0;
     }
@@ -249,7 +252,8 @@ private:
                         [](double sum, double coordinates) { return sum + std::min(coordinates, 6.0); });
     const double unknowns =
         static_cast<double>(task_.free.size()) + static_cast<double>(model.terms.size() + option.terms.size());
-    return static_cast<Index>(std::ceil(kEquations * unknowns * static_cast<double>(configurations()) / equations));
+    return static_cast<Index>(std::ceil((is_gravity(option) ? kEquationsOfGravity : kEquations) * unknowns *
+                                        static_cast<double>(configurations()) / equations));
   }
 
   std::vector<NotTried> groups_not_tried(const Route& route) const {
@@ -318,6 +322,13 @@ private:
     }
   }
 
+  // Few configurations do not prove a better prediction. Every arm sags, so that it need not be proved of gravity.
+  bool is_helpful(const EffectOption& option, const ModelScore& with, const ModelScore& without) const {
+    constexpr Index kFew = 20;
+    const bool is_better = with.held_out_rms < without.held_out_rms && with.motion <= kLargestMotion;
+    return helps(with, without) || (is_gravity(option) && configurations() < kFew && is_better);
+  }
+
   // The option of highest evidence among those that help and reach this evidence; tables with the longest length.
   template <class Filter>
   std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked, double wanted) const {
@@ -331,7 +342,7 @@ private:
       if (is_tables(option) && with.determined) {
         shorten(route.model, option, with, tried);
       }
-      if (helps(with, route.score) && (!best || with.sizes.evidence > best->score.sizes.evidence)) {
+      if (is_helpful(option, with, route.score) && (!best || with.sizes.evidence > best->score.sizes.evidence)) {
         best = Step{.option = i, .score = std::move(with)};
       }
     }

@@ -62,10 +62,12 @@ std::string writers_of_results() {
   namespace fs = std::filesystem;
   const fs::path src = fs::path(PROJECT_DIR) / "src";
   std::vector<fs::path> files = {src / "cli/calibrate.cpp", src / "cli/compare.cpp", src / "cli/validate.cpp"};
-  for (const auto& entry : fs::directory_iterator(src / "results")) {
-    const std::string stem = entry.path().stem();
-    if (entry.path().extension() == ".cpp" && !stem.starts_with("report_") && stem != "saved_calibration") {
-      files.push_back(entry.path());
+  for (const char* wing : {"results", "diagnosis", "calibration"}) {  // the last two name the figures of doubts
+    for (const auto& entry : fs::directory_iterator(src / wing)) {
+      const std::string stem = entry.path().stem();
+      if (entry.path().extension() == ".cpp" && !stem.starts_with("report_") && stem != "saved_calibration") {
+        files.push_back(entry.path());
+      }
     }
   }
   std::string text;
@@ -79,7 +81,7 @@ std::string writers_of_results() {
 TEST(Requirements, KnowNoNameThatNoResultHas) {
   const std::string text = writers_of_results();
   for (const std::string& name : cli::names_in_paths()) {
-    if (name != "left_out") {  // as the table calls it
+    if (name != "left_out" && name != "turn_sigma") {  // as the table calls it; a name with another one's end
       EXPECT_TRUE(text.find('"' + name + '"') != std::string::npos) << name;
     }
   }

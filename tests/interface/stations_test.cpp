@@ -303,7 +303,7 @@ TEST(Stations, OfOneConfigurationLeaveTheAutomaticChoices) {
     observation.station = observation.configuration == 20 ? 3 : observation.station;
   }
   const Calibration found = calibrate(bundled_robot(), measurements);
-  EXPECT_TRUE(found.trusted());
+  EXPECT_TRUE(found.trusted()) << found.doubts().front().message;
   EXPECT_LT(found.accuracy().leave_one_out->after.rms, 1e-4);
   EXPECT_THAT(found.warnings(), ::testing::Not(Contains(HasSubstr("neighbours"))));
 }
