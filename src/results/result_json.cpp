@@ -242,7 +242,8 @@ Json earlier_json(const EarlierComparison& comparison) {
   return {{"p_value", comparison.p_value},
           {"chi_square", comparison.chi_square},
           {"degrees_of_freedom", comparison.degrees_of_freedom},
-          {"changes", changes}};
+          {"changes", changes},
+          {"unseen_zeros", comparison.unseen_zeros}};
 }
 
 Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise, bool in_base) {

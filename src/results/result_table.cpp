@@ -373,10 +373,14 @@ std::string since_earlier(const CalibrationResult& calibration) {
   }
   const EarlierComparison& found = calibration.selection.continued->comparison;
   const std::vector<std::string> changes = in_words(calibration.model, found);
-  return wrapped(
-      fmt::format("{} since the earlier result (p = {:.2g}){}{}.", found.has_changed() ? "Changed" : "No change found",
-                  found.p_value, changes.empty() ? "" : ": ", comma_separated(changes)),
-      0, 4);
+  const std::string unseen = found.unseen_zeros.empty()
+                                 ? ""
+                                 : " A changed zero does not show in " + comma_separated(found.unseen_zeros) +
+                                       ": a moved base or tool would look the same.";
+  return wrapped(fmt::format("{} since the earlier result (p = {:.2g}){}{}.{}",
+                             found.has_changed() ? "Changed" : "No change found", found.p_value,
+                             changes.empty() ? "" : ": ", comma_separated(changes), unseen),
+                 0, 4);
 }
 
 // The verdict, shown before any figure.

@@ -184,6 +184,23 @@ std::vector<std::string> in_words(const ErrorModel& model, const EarlierComparis
   return result;
 }
 
+namespace {
+
+// Those of the first and the last joint, if they were no parameters before.
+std::vector<std::string> unseen_zeros(const ErrorModel& model, const std::vector<std::string>& names) {
+  std::vector<std::string> result;
+  for (const ErrorParameter& parameter : model.parameters) {
+    const bool at_an_end = parameter.joint == model.joints.front().name || parameter.joint == model.joints.back().name;
+    if (parameter.kind == ParameterKind::joint_offset && at_an_end &&
+        std::find(names.begin(), names.end(), parameter.name) == names.end()) {
+      result.push_back(parameter.joint);
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
 ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& training, const EarlierResult& earlier,
                                 const ResidualOptions& options) {
   constexpr int kRounds = 3;  // of linearisation, each at the estimate of the one before
@@ -230,6 +247,7 @@ ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& tra
     at = free.moved(at, step);
     result = assembled(earlier, variances, scaled(options.noise, sizes.sigma));
     result.comparison = compared(rows, L);
+    result.comparison.unseen_zeros = unseen_zeros(model, earlier.prior.names);
     result.comparison.changes = found;
     result.comparison.changeable = static_cast<std::size_t>(changeable);
     result.comparison.noise_ratio = sizes.sigma;

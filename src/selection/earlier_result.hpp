@@ -35,6 +35,8 @@ struct EarlierComparison {
   std::vector<std::pair<std::string, double>> changes;
   std::size_t changeable = 0;  ///< number of geometric errors
   double noise_ratio = 1.0;    ///< of the measurements with these changes, to that of the earlier result
+  /// Joints whose zero may have changed without a trace: a new base or new targets take it up.
+  std::vector<std::string> unseen_zeros;
 
   bool has_changed() const { return p_value < 1e-3; }
   /// A crash changes few errors. Here many have changed, or few changes do not explain the measurements.

@@ -88,10 +88,13 @@ TEST_F(Compare, APriorResultIsContinuedAndNotComparedAgain) {
   const Words few = {"calibrate", "--measurements", "b.csv", "--prior-result", "a.json"};
   const Outcome outcome = run(few + Words{"--result", "c.json", "--json"});
   EXPECT_EQ(outcome.status, 0) << outcome.err;
-  EXPECT_THAT(run(few).out, HasSubstr("Changed since the earlier result (p = "));
+  const std::string said = run(few).out;
+  EXPECT_THAT(said, HasSubstr("Changed since the earlier result (p = "));
+  EXPECT_THAT(said, HasSubstr("joint_6: a"));
   const Json json = json_of("c.json");
   EXPECT_LT(json["prior_result"]["p_value"], 1e-3);
   EXPECT_EQ(json["prior_result"]["changes"][0]["name"], "dq2");
+  EXPECT_EQ(json["prior_result"]["unseen_zeros"], Json({"joint_1", "joint_6"}));
   EXPECT_NEAR(json["prior_result"]["changes"][0]["change"], 1e-3, 1e-4);
   EXPECT_THAT(json["warnings"], Contains(HasSubstr("the robot has changed since the earlier result")));
   expect_refused({"compare", "a.json", "c.json"}, {"continues an earlier one"});
