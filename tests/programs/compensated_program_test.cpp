@@ -529,8 +529,9 @@ TEST(ExternalAxes, CarryTheArmAndStayAsTheyAre) {
   const Calibration found = bent_on_rail(1e-3);
   const KDL::Chain calibrated = found.urdf_chain();
   int checked = 0;
-  for (const auto& [turn, rail] :
-       std::vector<std::pair<double, double>>{{0.0, 0.0}, {-20.5, 812.25}, {95.0, -1500.0}}) {
+  for (const auto& values : std::vector<std::pair<double, double>>{{0.0, 0.0}, {-20.5, 812.25}, {95.0, -1500.0}}) {
+    const double turn = values.first;
+    const double rail = values.second;
     const VectorXd asked = rail_joints(turn, rail, urdf_joints(kAtPose));
     const Numbers pose = shown_pose(asked);
     const std::string text = program(with_axes(joints(1, kAtPose), turn, rail) +
