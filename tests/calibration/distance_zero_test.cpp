@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "interface/ways_to_measure.hpp"
@@ -51,6 +54,30 @@ TEST(DistanceZero, HasTheSigmaOfItsScatter) {
   }
   EXPECT_GT(squares / count, 0.5);  // chi-squared over 30: within 0.5 and 1.75 but for one in a hundred
   EXPECT_LT(squares / count, 1.75);
+}
+
+// The zero that was found but is not significant is uncertain in its own right: the same distances, longer by a length
+// that is significant, tell what was found.
+TEST(DistanceZero, ThatIsNotSignificantIsUncertainByWhatWasFound) {
+  const double length = 0.01;
+  double largest = 0.0;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    testing::Distances experiment(seed);
+    const Measurements rows = experiment.measured(2, false, 60, testing::kNoise);
+    const auto zero = [&](const Measurements& some) {
+      return zero_of(calibrate(testing::bundled_robot(), some, testing::geometry_alone()));
+    };
+    const DistanceZero without = zero(rows);
+    const DistanceZero with = zero(longer(rows, length));
+    const double found = with.length - length;
+    if (without.length != 0.0) {
+      EXPECT_NEAR(without.length, found, 0.02 * with.sigma) << seed;
+      continue;
+    }
+    EXPECT_NEAR(without.sigma, std::hypot(with.sigma, found), 0.03 * with.sigma) << seed;
+    largest = std::max(largest, std::abs(found) / with.sigma);
+  }
+  EXPECT_GT(largest, 0.7);  // else both would be alike
 }
 
 // Right distances keep their lengths; points, and the length of a bar that is stated, have no zero.

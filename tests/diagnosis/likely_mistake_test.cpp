@@ -16,6 +16,7 @@
 #include "interface/ways_to_measure.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "mistake_table.hpp"
+#include "robot/joint_ranges.hpp"
 
 namespace kdl_calibration::likely_mistake_test {
 namespace {
@@ -197,6 +198,138 @@ TEST(LikelyMistake, OfTheDetectableSizeShows) {
     EXPECT_GE(named / count, 0.5) << kind.subject;
     EXPECT_LE(faint / count, 0.1) << kind.subject;
   }
+}
+
+// [m] 3D RMS of the estimate's targets from those of the true arm, in measured ranges, whose joints are driven to other
+// values than stated.
+double distance_from_arm(const Measured& m, const Estimate& fit,
+                         const std::function<void(Eigen::VectorXd&)>& drive_to) {
+  Random random(7);
+  const Eigen::MatrixXd q = random_configurations(m.model.joints, trained_ranges(m.data), 400, random);
+  Estimate rigid = m.truth;
+  rigid.effects.resize(0);
+  double squares = 0.0;
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    Eigen::VectorXd driven = q.col(c);
+    drive_to(driven);
+    const Eigen::Isometry3d there = rigid.frames.base() * flange_poses(m.model, rigid, driven).front();
+    const Eigen::Isometry3d said = fit.frames.base() * flange_poses(m.model, fit, q.col(c)).front();
+    for (std::size_t k = 0; k < rigid.frames.targets.size(); ++k) {
+      squares += (there * rigid.frames.targets[k].X_FT.translation() - said * fit.frames.targets[k].X_FT.translation())
+                     .squaredNorm();
+    }
+  }
+  return std::sqrt(squares / static_cast<double>(q.cols() * std::ssize(rigid.frames.targets)));
+}
+
+Estimate fit_of(const Measured& m) {
+  return identify_jointly(m.model, m.data, nominal_start(m.model, m.data), m.free).estimate;
+}
+
+const std::function<void(Eigen::VectorXd&)> kAsStated = [](Eigen::VectorXd& /*q*/) {};
+
+// A mistake of that size is put in: the fit takes it for errors of the arm, and is off by what is said.
+TEST(LikelyMistake, OfTheDetectableSizeMovesPredictionsAsItSays) {
+  struct Kind {
+    const char* subject;
+    std::function<void(Measured&, double)> make;
+    Eigen::Index changed = -1;  // joint whose zero is another one in the second half
+  };
+  const std::vector<Kind> kinds = {
+      {"all measured lengths",
+       [](Measured& m, double size) { for_rows(m, [&](Observation& o) { o.position() *= 1.0 + size; }); }},
+      {"joint_3 coupled with joint_2",
+       [](Measured& m, double size) { drive(m, 0, [&](Eigen::VectorXd& q) { q[2] += size * q[1]; }); }},
+      {"the zero of joint_3 changed halfway",
+       [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[2] += size; }); }, 2},
+      {"the zero of joint_5 changed halfway",
+       [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[4] += size; }); }, 4}};
+  const Measured right =
+      measured(large_arm(), 31, {.configurations = 24, .length = 0.0005, .angle = 0.0005, .noise = 1e-5});
+  const Estimate fit = fit_of(right);
+  const std::vector<DetectableMistake> table =
+      likely_mistake({.model = right.model, .measurements = right.data, .estimate = fit, .known = {}}).detectable;
+  for (const Kind& kind : kinds) {
+    const auto row = std::find_if(table.begin(), table.end(),
+                                  [&](const DetectableMistake& mistake) { return mistake.subject == kind.subject; });
+    ASSERT_NE(row, table.end()) << kind.subject;
+    Measured wrong = right;
+    kind.make(wrong, row->estimate);
+    const Estimate off = fit_of(wrong);
+    const auto after = [&](Eigen::VectorXd& q) {
+      if (kind.changed >= 0) {
+        q[kind.changed] += row->estimate;
+      }
+    };
+    const double moves = std::max(distance_from_arm(right, off, kAsStated), distance_from_arm(right, off, after));
+    EXPECT_NEAR(row->moves, moves, 0.25 * moves) << kind.subject;
+  }
+}
+
+// The result is as far from the arm as it is said to move without the mistake; also one that fits little of the arm.
+TEST(LikelyMistake, MovesPredictionsByWhatTheResultIsOff) {
+  struct Kind {
+    const char* name;
+    std::function<void(Measured&)> make;
+    std::function<void(Eigen::VectorXd&)> drive_to;  // other joint values than stated
+  };
+  const auto of_gain = [](Eigen::VectorXd& q) { q[1] *= 1.01; };
+  const std::vector<Kind> kinds = {
+      {"lengths", [](Measured& m) { for_rows(m, [](Observation& o) { o.position() *= 1.008; }); }, kAsStated},
+      {"a gain", [&](Measured& m) { drive(m, 0, of_gain); }, of_gain}};
+  for (const Kind& kind : kinds) {
+    for (const bool of_little : {false, true}) {
+      Measured m = measured(large_arm(), 11, {.configurations = 24, .length = 0.0003, .angle = 0.0003});
+      kind.make(m);
+      if (of_little) {
+        m.free = Unknowns(m.model, m.truth.frames.targets, {"base.Tx", "base.Ty", "A.x", "A.y", "A.z"});
+      }
+      const Estimate fit = fit_of(m);
+      const auto found =
+          likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = {}}).mistake;
+      ASSERT_TRUE(found) << kind.name;
+      const double moves = distance_from_arm(m, fit, kind.drive_to);
+      EXPECT_NEAR(*found->as_doubt().figure("moves"), moves, 0.1 * moves) << kind.name << ": " << found->message;
+    }
+  }
+}
+
+// A factor within three times what every uncertainty has of it already is no mistake.
+TEST(LikelyMistake, IsNoneWithinTheStatedUncertaintyOfTheScale) {
+  Measured m = measured(large_arm(), 11, {.configurations = 24, .length = 0.0003, .angle = 0.0003});
+  for_rows(m, [](Observation& o) { o.position() *= 1.008; });
+  const Estimate fit = fit_of(m);
+  for (const double sigma : {0.0025, 0.0028}) {
+    const auto found =
+        likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = {}, .scale_sigma = sigma})
+            .mistake;
+    EXPECT_EQ(found && found->cause == Cause::scale, sigma < 0.0026) << (found ? found->message : "");
+  }
+}
+
+// Monte Carlo: a turn is found to within its sigma, and so is a step.
+TEST(LikelyMistake, HasTheSigmaOfItsScatter) {
+  const double turn = 0.001;
+  const Vector3d step = 3.0 * kStep;
+  double of_turns = 0.0;
+  double of_steps = 0.0;
+  const int count = 30;
+  for (int seed = 1; seed <= count; ++seed) {
+    Measured m = measured(large_arm(), static_cast<std::uint64_t>(seed), {.configurations = 24});
+    move_base(m, 12, step, turn / std::sqrt(2.0));
+    const std::optional<AlternativeReading> found = mistake_of(m);
+    ASSERT_TRUE(found && found->cause == Cause::moved_base) << seed;
+    const Doubt doubt = found->as_doubt();
+    of_turns += std::pow((*doubt.figure("turn") - turn) / *doubt.figure("turn_sigma"), 2);
+    // In the base, about whose origin it turns.
+    const Vector3d origin = m.truth.frames.base().translation();
+    const Vector3d moved = rotation_exp({turn / std::sqrt(2.0), 0.0, -turn / std::sqrt(2.0)}) * origin + step - origin;
+    of_steps += std::pow((*doubt.figure("estimate") - moved.norm()) / *doubt.figure("estimate_sigma"), 2);
+  }
+  EXPECT_GT(of_turns / count, 0.5);  // chi-squared over 30: within 0.5 and 1.75 but for one in a hundred
+  EXPECT_LT(of_turns / count, 1.75);
+  EXPECT_GT(of_steps / count, 0.5);
+  EXPECT_LT(of_steps / count, 1.75);
 }
 
 // What a whole configuration has is named by other checks; what the rest has is found beside it.

@@ -376,6 +376,12 @@ TEST(LsProgram, ReadsAMotionUpToItsSemicolon) {
     EXPECT_THAT(result.text, HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << end;
     EXPECT_THAT(result.positions, SizeIs(1));
   }
+  // Whatever else the motion has.
+  for (const std::string options : {"INC Offset,PR[1]", "Offset,PR[1] INC"}) {
+    const CompensatedProgram result = of("   1:J P[1] 100% FINE    ;\n   2:L P[2] 9mm/sec FINE " + options + "    ;\n");
+    EXPECT_THAT(result.text, HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << options;
+    EXPECT_THAT(result.positions, SizeIs(1)) << options;
+  }
   // A bracket that does not close hides no semicolon at a line's end.
   EXPECT_THAT(of("    :  !as PR[5 ;\r\n    :J P[1] 100% FINE INC    ;\n").warnings,
               ElementsAre(StartsWith("IN.LS:7: INC makes a position an increment")));

@@ -328,9 +328,49 @@ TEST(EffectSelection, OfFewConfigurationsOnlyWhatTheyCanTell) {
   }
 }
 
-// ---- the choice itself ---------------------------------------------------------------------------------------------
-
 using Names = std::vector<std::string>;
+
+/// The names of the groups that were not tried, with the reason.
+std::map<std::string, std::string> not_tried(const CalibrationResult& found) {
+  std::map<std::string, std::string> result;
+  for (const NotTried& group : found.selection.not_tried) {
+    result[group.what] = group.why;
+  }
+  return result;
+}
+
+// However many points are measured of it, a configuration shows six equations, and a group needs one and a half for
+// each unknown. Twelve targets have so many unknowns that harmonics need some configurations more than they ever do.
+TEST(EffectSelection, AGroupIsTriedFromTheConfigurationsOnThatItsUnknownsNeed) {
+  std::vector<Eigen::Vector3d> places;
+  for (int i = 0; i < 12; ++i) {
+    places.emplace_back(0.2 * std::cos(i), 0.2 * std::sin(i), 0.05 + 0.01 * i);
+  }
+  testing::VirtualExperiment arm({.targets = testing::targets_at(places), .random = Random(3)});
+  CalibrationSettings options = automatic();
+  options.selection.automatic_priors = false;
+  options.parameters.fix = {"gravity.*", "gain.*", "backlash.*"};
+  const auto unknowns =
+      static_cast<int>(arm.free.size()) +
+      static_cast<int>(effect_terms(arm.model, EffectGroup::harmonics, arm.configurations(24)).size());
+  const int needed = (unknowns + 3) / 4;  // 1.5 / 6 of the unknowns, rounded up
+  ASSERT_GT(needed, 20);                  // what harmonics need at least
+  for (const int count : {needed - 1, needed}) {
+    const Measurements measured = testing::without_sigmas(arm.measure(count, {.sigma = 5e-5}));
+    const CalibrationResult found = calibrate(arm.model, measured, options);
+    const std::vector<ModelOption>& tried = found.selection.tried;
+    EXPECT_EQ(std::any_of(tried.begin(), tried.end(),
+                          [](const ModelOption& option) { return option.effects == Names{"harmonics"}; }),
+              count == needed);
+    const std::map<std::string, std::string> left = not_tried(found);
+    ASSERT_EQ(left.count("harmonics"), count < needed ? 1U : 0U) << count;
+    if (count < needed) {
+      EXPECT_EQ(left.at("harmonics"), std::to_string(needed) + " configurations needed beside the geometry");
+    }
+  }
+}
+
+// ---- the choice itself ---------------------------------------------------------------------------------------------
 
 /// The odd arm with these effects, measured, and fitted by its geometry alone.
 struct Open : testing::VirtualExperiment {

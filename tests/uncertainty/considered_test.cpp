@@ -8,6 +8,7 @@
 
 #include "estimation/identification.hpp"
 #include "estimation/least_squares.hpp"
+#include "estimation/prediction.hpp"
 #include "interface/ways_to_measure.hpp"
 #include "uncertainty/covariance.hpp"
 
@@ -69,6 +70,30 @@ TEST(Considered, AScaleMovesTheEstimateAsAFitToScaledPointsDoes) {
   const VectorXd expected =
       ended.refitted([&](Observation& row) { row.position() += sigma * (row.position() - middle); });
   EXPECT_LT((steps.col(0) - expected).norm(), 2e-3 * expected.norm());
+}
+
+// Each distance is that of its point, moved about the middle of all points, from the anchor.
+TEST(Considered, AScaleMovesTheEstimateAsDistancesOfScaledPointsDo) {
+  testing::Distances experiment(2);
+  const Ended ended(experiment, experiment.measured(3, true, 80, 1e-5), experiment.model);
+  const Estimate& end = ended.problem.start;
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(ended.problem.model, end, ended.measurements);
+  std::vector<Vector3d> points;
+  Vector3d middle = Vector3d::Zero();
+  for (const Observation& row : ended.measurements.observations) {
+    points.push_back(predicted_point(end, X_BF, row));
+    middle += points.back() / static_cast<double>(ended.measurements.observations.size());
+  }
+  const double sigma = 2e-5;
+  const MatrixXd steps = ended.steps({.scale = sigma});
+  ASSERT_EQ(steps.cols(), 1);
+  std::size_t next = 0;
+  const VectorXd expected = ended.refitted([&](Observation& row) {
+    const Vector3d& point = points[next++];
+    auto& distance = std::get<Distance>(row.reading);
+    distance.length += (point + sigma * (point - middle) - distance.anchor).norm() - (point - distance.anchor).norm();
+  });
+  EXPECT_LT((steps.col(0) - expected).norm(), 5e-3 * expected.norm());
 }
 
 TEST(Considered, EachSocketIsOffAlongEachAxisInAllItsPlaces) {
