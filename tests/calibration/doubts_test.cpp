@@ -1015,6 +1015,12 @@ TEST(Mistakes, AStationWithOtherNoiseIsNamed) {
                   messages_of(found.diagnosis.remarks)),
               times > 1.0)
         << ::testing::PrintToString(messages_of(found.diagnosis.remarks));
+    for (const Remark& remark : found.diagnosis.remarks) {
+      if (remark.cause == Cause::unlike_stations) {
+        EXPECT_EQ(remark.subjects, subjects_named(SubjectKind::station, {"far", "near"}));
+        EXPECT_NEAR(remark.figure("sigma").value(), times * kSigma, 0.3 * times * kSigma);
+      }
+    }
   }
 }
 

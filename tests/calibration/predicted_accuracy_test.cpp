@@ -9,6 +9,10 @@
 
 #include "calibration/new_point.hpp"
 #include "estimation/prediction.hpp"
+#include "geometry_alone.hpp"
+#include "interface/calibration_parts.hpp"
+#include "interface/ways_to_measure.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "planning/simulation.hpp"
 #include "uncertainty/covariance.hpp"
 #include "virtual_experiment.hpp"
@@ -108,6 +112,20 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
     EXPECT_EQ(point.degrees_of_freedom, fresh.degrees_of_freedom);
     EXPECT_EQ(point.outside, c == 2);
   }
+}
+
+// Test rows are seen from several places: each is compared with its point there.
+TEST(PredictedAccuracy, ComparesTestRowsWithThePointsOfTheirStation) {
+  testing::Tracker tracker;
+  Measurements rows = tracker.measured(60, testing::kNoise);
+  for (Observation& row : rows.observations) {
+    row.split = row.configuration % 3 == 1 ? Split::test : Split::train;
+  }
+  const Calibration found = calibrate(testing::bundled_robot(), rows, testing::geometry_alone());
+  const TestedRadius& tested = found.parts().fitted->uncertainty.predicted.tested;
+  EXPECT_GE(tested.configurations, 10);
+  EXPECT_LE(tested.outside, 3);
+  EXPECT_GT(tested.p_value, 0.01);
 }
 
 // Test rows are moved by a share of the radius of their point.
