@@ -222,11 +222,12 @@ struct Found {
   double radius = 0.0;   // [m] of predictions without the mistake
 };
 
-// Where the effects of the result are doubted as well, whether the mistake explains the measurements as well as they
-// do, with its own number of unknowns.
+// Whether the mistake, beside ordinary errors, explains the measurements as well as the result does. Where the effects
+// of the result are doubted as well, for its own number of unknowns.
 bool explains_as_well(const OrdinaryFit& fit, const Explained& explained) {
-  return fit.is_beside_effects() ||
-         fit.misfit() * std::sqrt(explained.share_left) <= fit.misfit_without_effects(explained.estimate.size());
+  const double of_result =
+      fit.is_beside_effects() ? fit.misfit() : fit.misfit_without_effects(explained.estimate.size());
+  return fit.misfit() * std::sqrt(explained.share_left) <= of_result;
 }
 
 std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const Explanations& explanations,
