@@ -364,14 +364,8 @@ ReadingSearch search_readings(const ErrorModel& model, const Measurements& measu
   const bool doubted = std::any_of(found.begin(), found.end(), [](const AlternativeReading& one) { return one.doubt; });
   if (!doubted && has_orientations(measurements)) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
-    const auto of_orientations = [&] {
-      return AlternativeReading{.cause = Cause::orientations,
-                                .subjects = turned->subjects,
-                                .figures = turned->figures,
-                                .message = turned->message};
-    };
     if (turned && turned->explained) {
-      found.insert(found.begin(), of_orientations());
+      found.insert(found.begin(), turned->said);
       return search;
     }
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);
@@ -381,7 +375,7 @@ ReadingSearch search_readings(const ErrorModel& model, const Measurements& measu
                          of_points);
     std::vector<AlternativeReading> more = trials.trials_of_poses();
     if (more.empty() && turned) {
-      more.push_back(of_orientations());
+      more.push_back(turned->said);
     }
     found.insert(found.begin(), more.begin(), more.end());
   }

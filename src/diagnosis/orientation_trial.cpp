@@ -174,20 +174,22 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
           return off.row->of_target(reading).angularDistance(agreed.targets[off.target]) <= limit;
         })) {
       return {.explained = true,
-              .subjects = subjects_of(measurements, outliers.front()),
-              .figures = share_of_rows(outliers.size(), count),
-              .message = what + ", from " + label(measurements, outliers.front()) + " on; they do if they are read " +
-                         reading.words + "; " + kUsedAsRead};
+              .said = {.cause = Cause::orientations,
+                       .subjects = subjects_of(measurements, outliers.front()),
+                       .figures = share_of_rows(outliers.size(), count),
+                       .message = what + ", from " + label(measurements, outliers.front()) +
+                                  " on; they do if they are read " + reading.words + "; " + kUsedAsRead}};
     }
   }
   const Off& worst =
       *std::max_element(outliers.begin(), outliers.end(), [](const Off& a, const Off& b) { return a.angle < b.angle; });
   std::vector<NamedFigure> figures = share_of_rows(outliers.size(), count);
   figures.push_back({"angle", worst.angle});
-  return {.subjects = subjects_of(measurements, worst),
-          .figures = std::move(figures),
-          .message =
-              fmt::format("{}: {} is off by {:.3g} degrees", what, label(measurements, worst), worst.angle / kDegree)};
+  return {.said = {.cause = Cause::orientations,
+                   .subjects = subjects_of(measurements, worst),
+                   .figures = std::move(figures),
+                   .message = fmt::format("{}: {} is off by {:.3g} degrees", what, label(measurements, worst),
+                                          worst.angle / kDegree)}};
 }
 
 }  // namespace
@@ -196,7 +198,8 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
                                                  const Estimate& fit) {
   const OrientationRows rows = rows_of(model, measurements, fit);
   if (is_constant(rows)) {
-    return OrientationTrial{.message = "the measured orientations never change while the flange turns"};
+    return OrientationTrial{.said = {.cause = Cause::orientations,
+                                     .message = "the measured orientations never change while the flange turns"}};
   }
   const OrientationReading* usual = &readings().front();
   Consensus best = consensus(rows, *usual);
@@ -210,11 +213,12 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
   std::vector<Off> all = all_off(rows, best, *usual);
   const std::size_t count = all.size();
   if (usual != &readings().front()) {
-    return OrientationTrial{.explained = true,
-                            .figures = share_of_rows(best.rows, count),
-                            .message = "the measured orientations do not turn with the arm; " +
-                                       of_rows(best.rows, count) + " do if they are read " + usual->words + "; " +
-                                       kUsedAsRead};
+    return OrientationTrial{
+        .explained = true,
+        .said = {.cause = Cause::orientations,
+                 .figures = share_of_rows(best.rows, count),
+                 .message = "the measured orientations do not turn with the arm; " + of_rows(best.rows, count) +
+                            " do if they are read " + usual->words + "; " + kUsedAsRead}};
   }
   const double limit = limit_of(all);
   std::erase_if(all, [&](const Off& off) { return off.angle <= limit; });

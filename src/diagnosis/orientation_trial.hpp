@@ -3,21 +3,17 @@
 // Other readings of the measured orientations.
 
 #include <optional>
-#include <string>
-#include <vector>
 
+#include "diagnosis/alternative_readings.hpp"
 #include "estimation/unknowns.hpp"
-#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {
 
 struct OrientationTrial {
-  bool explained = false;              ///< whether inverse quaternions or another order of components fits
-  std::vector<Subject> subjects = {};  ///< the first row that does not turn with the arm, or the worst one
-  std::vector<NamedFigure> figures = {};
-  std::string message;
+  bool explained = false;   ///< whether inverse quaternions or another order of components fits
+  AlternativeReading said;  ///< its subjects are the first row that does not turn with the arm, or the worst one
 };
 
 /// Compares measured orientations of the training rows with the flange's. The target's orientation on the flange is the

@@ -172,21 +172,7 @@ ContinuedResult assembled(const EarlierResult& earlier, const VectorXd& variance
   return result;
 }
 
-}  // namespace
-
-std::vector<std::string> in_words(const ErrorModel& model, const EarlierComparison& comparison) {
-  std::vector<std::string> result;
-  for (const auto& [name, change] : comparison.changes) {
-    const bool length = is_length(model, model.parameters[parameter_index(model, name)]);
-    result.push_back(name + (length ? fmt::format(" by {:.4f} mm", change * 1e3)
-                                    : fmt::format(" by {:.5f} degrees", change / kDegree)));
-  }
-  return result;
-}
-
-namespace {
-
-// Those of the first and the last joint, if they were no parameters before.
+// Zeros of the first and the last joint, if they were no parameters before.
 std::vector<std::string> unseen_zeros(const ErrorModel& model, const std::vector<std::string>& names) {
   std::vector<std::string> result;
   for (const ErrorParameter& parameter : model.parameters) {
@@ -200,6 +186,16 @@ std::vector<std::string> unseen_zeros(const ErrorModel& model, const std::vector
 }
 
 }  // namespace
+
+std::vector<std::string> in_words(const ErrorModel& model, const EarlierComparison& comparison) {
+  std::vector<std::string> result;
+  for (const auto& [name, change] : comparison.changes) {
+    const bool length = is_length(model, model.parameters[parameter_index(model, name)]);
+    result.push_back(name + (length ? fmt::format(" by {:.4f} mm", change * 1e3)
+                                    : fmt::format(" by {:.5f} degrees", change / kDegree)));
+  }
+  return result;
+}
 
 ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& training, const EarlierResult& earlier,
                                 const ResidualOptions& options) {
@@ -247,11 +243,11 @@ ContinuedResult continue_result(const ErrorModel& rigid, const Measurements& tra
     at = free.moved(at, step);
     result = assembled(earlier, variances, scaled(options.noise, sizes.sigma));
     result.comparison = compared(rows, L);
-    result.comparison.unseen_zeros = unseen_zeros(model, earlier.prior.names);
     result.comparison.changes = found;
     result.comparison.changeable = static_cast<std::size_t>(changeable);
     result.comparison.noise_ratio = sizes.sigma;
   }
+  result.comparison.unseen_zeros = unseen_zeros(model, earlier.prior.names);
   return result;
 }
 

@@ -95,6 +95,17 @@ std::vector<EffectTerm> with_sigmas(std::vector<EffectTerm> terms, const ModelSc
   return terms;
 }
 
+// However many points are measured of it, a configuration shows no more than the pose of the flange: six equations.
+double equations_of(const Measurements& means) {
+  std::vector<double> of_configuration(means.configurations.size(), 0.0);
+  for (const Observation& o : means.observations) {
+    of_configuration[static_cast<std::size_t>(o.configuration)] +=
+        dimension(o.reading) + (has_orientation(o) ? 3.0 : 0.0);
+  }
+  return std::accumulate(of_configuration.begin(), of_configuration.end(), 0.0,
+                         [](double sum, double coordinates) { return sum + std::min(coordinates, 6.0); });
+}
+
 // Selection for one set of measurements.
 class ModelSelector {
 public:
@@ -105,7 +116,8 @@ public:
         means_(means),
         threads_(threads),
         place_(place),
-        scorer_(task, means, threads, place == Place::outermost) {}
+        scorer_(task, means, threads, place == Place::outermost),
+        equations_(equations_of(means)) {}
 
   // `terms`: selected terms and those of size zero, in the order of the columns of `values` after the rigid ones.
   struct Outcome {
@@ -233,27 +245,18 @@ private:
   }
 
   // How many configurations like the measured ones carry a model with one more group: others could hide a mistake in
-  // its terms. However many points are measured of it, a configuration shows no more than the pose of the flange. Every
-  // arm sags, so that gravity needs fewer equations; tables are one smooth function of a joint however many terms they
-  // have.
+  // its terms. Every arm sags, so that gravity needs fewer equations; tables are one smooth function of a joint however
+  // many terms they have.
   Index configurations_for(const CandidateModel& model, const EffectOption& option) const {
     constexpr double kEquations = 1.5;  // of each unknown
     constexpr double kEquationsOfGravity = 1.1;
     if (is_tables(option) || is_ripple(option)) {
       return 0;
     }
-    std::vector<double> of_configuration(static_cast<std::size_t>(configurations()), 0.0);
-    for (const Observation& o : means_.observations) {
-      of_configuration[static_cast<std::size_t>(o.configuration)] +=
-          dimension(o.reading) + (has_orientation(o) ? 3.0 : 0.0);
-    }
-    const double equations =
-        std::accumulate(of_configuration.begin(), of_configuration.end(), 0.0,
-                        [](double sum, double coordinates) { return sum + std::min(coordinates, 6.0); });
     const double unknowns =
         static_cast<double>(task_.free.size()) + static_cast<double>(model.terms.size() + option.terms.size());
     return static_cast<Index>(std::ceil((is_gravity(option) ? kEquationsOfGravity : kEquations) * unknowns *
-                                        static_cast<double>(configurations()) / equations));
+                                        static_cast<double>(configurations()) / equations_));
   }
 
   std::vector<NotTried> groups_not_tried(const Route& route) const {
@@ -423,6 +426,7 @@ private:
   int threads_;
   Place place_;
   ModelScorer scorer_;
+  double equations_ = 0.0;  // see equations_of()
 };
 
 Measurements means_of(const ModelSelectionTask& task) {
