@@ -30,11 +30,15 @@ using testing::light_arm;
 using testing::Measured;
 using testing::measured;
 
-std::optional<AlternativeReading> mistake_of(const Measured& m, const KnownFrames& known = {}) {
-  const Estimate fit =
-      identify_jointly(m.model, m.data, nominal_start(m.model, m.data, {.known = known}), m.free).estimate;
-  return likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = known}).mistake;
+Estimate fit_of(const Measured& m) {
+  return identify_jointly(m.model, m.data, nominal_start(m.model, m.data), m.free).estimate;
 }
+
+MistakeSearch search_beside(const Measured& m, const Estimate& fit) {
+  return likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = {}});
+}
+
+std::optional<AlternativeReading> mistake_of(const Measured& m) { return search_beside(m, fit_of(m)).mistake; }
 
 void move_base(Measured& m, int from, const Vector3d& step, double angle) {
   for_rows(m, [&](Observation& o) {
@@ -159,25 +163,27 @@ std::vector<Case> factors() {
            [](Measured& m) { for_rows(m, [](Observation& o) { o.position().z() *= 1.004; }); })};
 }
 
+/// A row of the table of detectable mistakes, and how a mistake of that size is made.
+struct Detected {
+  const char* subject;
+  std::function<void(Measured&, double)> make;
+  Eigen::Index changed = -1;  // joint whose zero is another one in the second half
+};
+
+std::vector<Detected> detected_kinds() {
+  return {{"all measured lengths",
+           [](Measured& m, double size) { for_rows(m, [&](Observation& o) { o.position() *= 1.0 + size; }); }},
+          {"joint_3 coupled with joint_2",
+           [](Measured& m, double size) { drive(m, 0, [&](Eigen::VectorXd& q) { q[2] += size * q[1]; }); }},
+          {"the zero of joint_3 changed halfway",
+           [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[2] += size; }); }, 2}};
+}
+
 // Monte Carlo: a mistake of the size that should show in 80 of 100 cases is named in most, one of a fifth of it in
 // hardly any.
 TEST(LikelyMistake, OfTheDetectableSizeShows) {
-  struct Kind {
-    const char* subject;
-    std::function<void(Measured&, double)> make;
-  };
-  const std::vector<Kind> kinds = {
-      {"all measured lengths",
-       [](Measured& m, double size) { for_rows(m, [&](Observation& o) { o.position() *= 1.0 + size; }); }},
-      {"joint_3 coupled with joint_2",
-       [](Measured& m, double size) { drive(m, 0, [&](Eigen::VectorXd& q) { q[2] += size * q[1]; }); }},
-      {"the zero of joint_3 changed halfway",
-       [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[2] += size; }); }}};
-  const auto search = [](const Measured& m) {
-    const Estimate fit = identify_jointly(m.model, m.data, nominal_start(m.model, m.data), m.free).estimate;
-    return likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = {}});
-  };
-  for (const Kind& kind : kinds) {
+  const auto search = [](const Measured& m) { return search_beside(m, fit_of(m)); };
+  for (const Detected& kind : detected_kinds()) {
     double named = 0.0;
     double faint = 0.0;
     const int count = 20;
@@ -222,34 +228,18 @@ double distance_from_arm(const Measured& m, const Estimate& fit,
   return std::sqrt(squares / static_cast<double>(q.cols() * std::ssize(rigid.frames.targets)));
 }
 
-Estimate fit_of(const Measured& m) {
-  return identify_jointly(m.model, m.data, nominal_start(m.model, m.data), m.free).estimate;
-}
-
 const std::function<void(Eigen::VectorXd&)> kAsStated = [](Eigen::VectorXd& /*q*/) {};
 
 // A mistake of that size is put in: the fit takes it for errors of the arm, and is off by what is said.
 TEST(LikelyMistake, OfTheDetectableSizeMovesPredictionsAsItSays) {
-  struct Kind {
-    const char* subject;
-    std::function<void(Measured&, double)> make;
-    Eigen::Index changed = -1;  // joint whose zero is another one in the second half
-  };
-  const std::vector<Kind> kinds = {
-      {"all measured lengths",
-       [](Measured& m, double size) { for_rows(m, [&](Observation& o) { o.position() *= 1.0 + size; }); }},
-      {"joint_3 coupled with joint_2",
-       [](Measured& m, double size) { drive(m, 0, [&](Eigen::VectorXd& q) { q[2] += size * q[1]; }); }},
-      {"the zero of joint_3 changed halfway",
-       [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[2] += size; }); }, 2},
-      {"the zero of joint_5 changed halfway",
-       [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[4] += size; }); }, 4}};
+  std::vector<Detected> kinds = detected_kinds();
+  kinds.push_back({"the zero of joint_5 changed halfway",
+                   [](Measured& m, double size) { drive(m, 12, [&](Eigen::VectorXd& q) { q[4] += size; }); }, 4});
   const Measured right =
       measured(large_arm(), 31, {.configurations = 24, .length = 0.0005, .angle = 0.0005, .noise = 1e-5});
   const Estimate fit = fit_of(right);
-  const std::vector<DetectableMistake> table =
-      likely_mistake({.model = right.model, .measurements = right.data, .estimate = fit, .known = {}}).detectable;
-  for (const Kind& kind : kinds) {
+  const std::vector<DetectableMistake> table = search_beside(right, fit).detectable;
+  for (const Detected& kind : kinds) {
     const auto row = std::find_if(table.begin(), table.end(),
                                   [&](const DetectableMistake& mistake) { return mistake.subject == kind.subject; });
     ASSERT_NE(row, table.end()) << kind.subject;
@@ -285,8 +275,7 @@ TEST(LikelyMistake, MovesPredictionsByWhatTheResultIsOff) {
         m.free = Unknowns(m.model, m.truth.frames.targets, {"base.Tx", "base.Ty", "A.x", "A.y", "A.z"});
       }
       const Estimate fit = fit_of(m);
-      const auto found =
-          likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = {}}).mistake;
+      const auto found = search_beside(m, fit).mistake;
       ASSERT_TRUE(found) << kind.name;
       const double moves = distance_from_arm(m, fit, kind.drive_to);
       EXPECT_NEAR(*found->as_doubt().figure("moves"), moves, 0.1 * moves) << kind.name << ": " << found->message;
@@ -402,8 +391,7 @@ TEST(LikelyMistake, IsFoundThoughEffectsTakeItUp) {
     Estimate start = nominal_start(m.model, m.data);
     start.effects = Eigen::VectorXd::Zero(std::ssize(m.model.effects));
     const Estimate fit = identify_jointly(m.model, m.data, start, m.free).estimate;
-    const std::optional<AlternativeReading> found =
-        likely_mistake({.model = m.model, .measurements = m.data, .estimate = fit, .known = {}}).mistake;
+    const std::optional<AlternativeReading> found = search_beside(m, fit).mistake;
     ASSERT_EQ(found.has_value(), from < 20) << (found ? found->message : "");
     if (found) {
       EXPECT_EQ(found->cause, Cause::payload_changed) << found->message;
