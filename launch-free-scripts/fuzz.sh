@@ -52,7 +52,7 @@ fuzz() {
   local target=$1 length=256
   case $target in
     urdf) length=12000 ;;
-    joint_convention | json_inputs | fanuc_program) length=512 ;;
+    joint_convention | json_inputs | programs) length=512 ;;
   esac
   mkdir -p "corpus/$target"
   "tests/fuzz/${target}_fuzzer" -rss_limit_mb=4096 -timeout=120 "-max_len=$length" -print_final_stats=1 \

@@ -116,7 +116,7 @@ public:
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments)),
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
-        summary_(robot, calibration_.arm(), program_),
+        summary_(robot, calibration_.arm()),
         warnings_(other_notes(arguments)) {
     if (program_.has_rotation_vectors_in_degrees()) {
       warnings_.push_back(file() +
@@ -147,9 +147,10 @@ public:
       for (const std::string& text : piece.predicted) {
         predicted_ += text;
       }
-      summary_.add(piece.lines, piece.points, piece.corrections);
+      const PointLabel label = label_of(piece, summary_.points());
+      summary_.add(piece.points, piece.corrections, label);
       if (arguments_.linear) {
-        add_lines(piece);
+        add_lines(piece, label);
       }
       progress(program_.share());
     }
@@ -181,6 +182,14 @@ public:
 
 private:
   const std::string& file() const { return arguments_.poses.empty() ? arguments_.joints : arguments_.poses; }
+
+  // The row's own label, else its ordinal behind `before` rows.
+  PointLabel label_of(const Piece& piece, std::size_t before) const {
+    return [this, &piece, before](std::size_t i) {
+      const std::string stated = program_.label(piece.lines[i]);
+      return stated.empty() ? std::to_string(before + i + 1) : stated;
+    };
+  }
 
   void solve(Piece& piece) {
     constexpr std::size_t kBlock = 64;
@@ -236,27 +245,12 @@ private:
     return asked.isApprox(compensator_.nominal_pose(point.joint_values - point.change), kReached);
   }
 
-  // Of the least certain target.
   std::string predicted_rows(const Piece& piece, std::size_t begin, std::size_t end) const {
     const CalibratedArm arm = calibration_.arm();
-    const std::vector<std::string> targets = arm.targets();
+    const PointLabel label = label_of(piece, summary_.points());
     std::string text;
     for (std::size_t i = begin; i < end; ++i) {
-      const CompensatedPoint& point = piece.points[i];
-      double variance = 0.0;
-      double radius = 0.0;
-      bool outside = false;
-      for (const std::string& target : targets) {
-        const PredictedPoint predicted = arm.predict(point.joint_values, target);
-        variance = std::max(variance, predicted.covariance.trace());
-        radius = std::max(radius, predicted.radius_95);
-        outside = outside || predicted.outside;
-      }
-      text += csv_field(summary_.label(piece.lines[i], summary_.points() + i + 1)) + "," + to_string(point.status);
-      for (const double value : {point.position_error, point.orientation_error, std::sqrt(variance), radius}) {
-        text += "," + shortest(value);
-      }
-      text += outside ? ",true\n" : ",false\n";
+      text += prediction_row(arm, label(i), piece.points[i]);
     }
     return text;
   }
@@ -282,7 +276,7 @@ private:
     return point;
   }
 
-  void add_lines(const Piece& piece) {
+  void add_lines(const Piece& piece, const PointLabel& label) {
     std::vector<LineEnd> ends = {last_};
     for (std::size_t i = 0; i < piece.lines.size(); ++i) {
       ends.push_back({.X_BT = piece.asked[i] * frames_.X_FT, .joint_values = piece.points[i].joint_values});
@@ -293,7 +287,7 @@ private:
         deviations[i] = line_deviation(compensator_, frames_.X_FT, ends[i], ends[i + 1]);
       }
     });
-    summary_.add_lines(piece.lines, deviations);
+    summary_.add_lines(deviations, label);
     last_ = ends.back();
   }
 
@@ -304,8 +298,7 @@ private:
   ProgramFile program_;
   CompensationSummary summary_;
   std::vector<std::string> warnings_;
-  std::string predicted_ =
-      "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside\n";
+  std::string predicted_{kPredictionHeader};
   CompensatedJoints previous_;
   double spread_of_ways_ = 0.0;  // [m] over the rows that were checked
   int checked_ = 0;
@@ -328,29 +321,29 @@ ExitStatus run(const CompensateArguments& arguments) {
   if (std::count(given.begin(), given.end(), true) != 1) {
     throw InputError("expected one of --joints, --poses and --program");
   }
+  if (!arguments.program.empty()) {
+    return compensate_program(
+        {.robot = arguments.robot,
+         .result = arguments.result,
+         .program = arguments.program,
+         .controller = arguments.controller,
+         .joint_convention = arguments.joint_convention,
+         .frames = arguments.frames,
+         .external_axes = arguments.external_axes,
+         .near = arguments.near,
+         .options = {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first},
+         .output = arguments.output,
+         .predict = arguments.predict,
+         .report = arguments.report,
+         .force = arguments.force,
+         .json = arguments.json},
+        load(arguments.robot));
+  }
   std::vector<OutputFile> files = given_outputs({{.option = "--output", .path = arguments.output},
                                                  {.option = "--predict", .path = arguments.predict},
                                                  {.option = "--report", .path = arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
-  if (!arguments.program.empty()) {
-    const std::map<int, std::string> external_axes = external_axes_of(arguments.external_axes, robot);
-    CompensationOptions options{.most_change = arguments.most_change * kDegree,
-                                .position_first = arguments.position_first};
-    for (const auto& [axis, joint] : external_axes) {
-      options.held.push_back(joint);
-    }
-    const Compensator compensator(load_calibration(arguments.result, robot), options);
-    return compensate_program({.result = arguments.result,
-                               .program = arguments.program,
-                               .controller = arguments.controller,
-                               .frames = arguments.frames,
-                               .external_axes = external_axes,
-                               .output = arguments.output,
-                               .force = arguments.force,
-                               .json = arguments.json},
-                              robot, compensator);
-  }
   require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   Compensation compensation(arguments, robot, convention ? &*convention : nullptr);
@@ -398,12 +391,15 @@ Subcommand add_compensate(CLI::App& parser) {
            "Poses of the program: a CSV file with x, y, z, an orientation and, if known, joint values near the pose")
       ->excludes(joints);
   add_list(*app, "--near", arguments->near,
-           "Joint values near the first of --poses without joint values, degrees or m: its elbow, shoulder and wrist")
+           "Joint values near the first pose of --poses or --program that states no joint values, degrees or m: its "
+           "elbow, shoulder and wrist")
       ->type_name("q1,...,qn")
-      ->needs("--poses");
-  CLI::Option* program = add_file(*app, "--program", arguments->program, "A FANUC program as text (LS)");
+      ->excludes(joints);
+  CLI::Option* program =
+      add_file(*app, "--program", arguments->program, "A program as text: its language is told from the text");
   add_file(*app, "--controller", arguments->controller,
-           "Joint convention, world frame and faceplate for --program (JSON) [those of the R-2000iC/165F]")
+           "Joint convention, world frame and faceplate for --program (JSON) [joints of the URDF, its links base and "
+           "tool0; FANUC: those of the R-2000iC/165F]")
       ->needs(program);
   add_list(
       *app, "--external-axis", arguments->external_axes,
@@ -415,8 +411,7 @@ Subcommand add_compensate(CLI::App& parser) {
            "User and tool frame of the poses: JSON as kdlcal frames writes it [base and flange]; for --program "
            "SYSFRAME.VA of a backup, or JSON");
   add_file(*app, "--joint-convention", arguments->joint_convention,
-           "Joint values are the controller's, which this file turns into the URDF's")
-      ->excludes(program);
+           "Joint values are the controller's, which this file turns into the URDF's");
   app->add_option("--most-change", arguments->most_change,
                   "Largest change of a joint; a degree counts as 17.45 mm of a joint that slides")
       ->type_name("DEG")
@@ -429,9 +424,8 @@ Subcommand add_compensate(CLI::App& parser) {
       ->excludes(program);
   add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
   add_file(*app, "--predict", arguments->predict,
-           "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %")
-      ->excludes(program);
-  add_report_file(*app, arguments->report)->excludes(program);
+           "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %");
+  add_report_file(*app, arguments->report);
   app->add_option("--note", arguments->notes,
                   "What holds now, such as payload=165: warn if the calibration noted something else; repeatable")
       ->type_name("KEY=VALUE")

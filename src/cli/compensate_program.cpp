@@ -2,7 +2,7 @@
 
 #include <fmt/core.h>
 #include <algorithm>
-#include <array>
+#include <cctype>
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
@@ -10,30 +10,52 @@
 #include <utility>
 #include <vector>
 
-#include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
+#include "cli/compensation_summary.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/frames.hpp"
-#include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/result_file.hpp"
 #include "programs/compensated_program.hpp"
+#include "programs/program_language.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
 constexpr std::string_view kRecord = ".kdlcal.json";  // after the name of the program
-constexpr std::size_t kJoints = 6;
 
-// Only one controller comes with kdlcal: that of its robot.
-Controller controller_of(const ProgramArguments& arguments, const Robot& robot) {
+// Joints of the robot by the number of an external axis, from texts such as "E1=rail".
+std::map<int, std::string> external_axes_of(const std::vector<std::string>& texts, const Robot& robot) {
+  std::map<int, std::string> axes;
+  const std::vector<std::string> joints = joint_names(robot);
+  for (const auto& [axis, joint] : keys_and_values("--external-axis", texts)) {
+    if (axis.size() != 2 || axis.front() != 'E' || axis.back() < '1' || axis.back() > '6') {
+      throw InputError("--external-axis: " + shown(axis) + " is no external axis, expected E1 to E6");
+    }
+    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
+      throw InputError("--external-axis: " + robot.source + " has no joint " + shown(joint) + ", expected one of " +
+                       comma_separated(joints));
+    }
+    axes[axis.back() - '0'] = joint;
+  }
+  return axes;
+}
+
+// A FANUC controller seldom counts joints as a URDF does, and only one comes with kdlcal: that of its robot.
+Controller described_controller(const ProgramArguments& arguments, const Robot& robot,
+                                const ProgramLanguage& language) {
   if (!arguments.controller.empty()) {
     return read_controller(arguments.controller);
+  }
+  if (!language.needs_description) {
+    return controller_of_links(robot);
   }
   const Robot bundled = load({});
   if (robot.urdf != bundled.urdf || robot.base != bundled.base || robot.tip != bundled.tip) {
@@ -42,11 +64,81 @@ Controller controller_of(const ProgramArguments& arguments, const Robot& robot) 
   return read_controller(urdf_dir() / "fanuc_r2000ic_165f_controller.json");
 }
 
+Controller controller_of(const ProgramArguments& arguments, const Robot& robot, const ProgramLanguage& language) {
+  Controller controller = described_controller(arguments, robot, language);
+  if (!arguments.joint_convention.empty()) {
+    controller.convention = read_joint_convention(arguments.joint_convention);
+  }
+  controller.external_axes = external_axes_of(arguments.external_axes, robot);
+  if (!arguments.frames.empty()) {
+    controller.frames = read_program_frames(arguments.frames, language);
+    if (std::filesystem::path(arguments.frames).extension() == ".json") {
+      warn_if_found_with_another(found_with(read_json(arguments.frames), arguments.frames), arguments.frames,
+                                 arguments.result);
+    }
+  }
+  return controller;
+}
+
+// The file of the same stem with this extension, in small or capital letters; empty if there is none.
+std::string file_beside(const std::string& file, std::string_view extension) {
+  std::string capital(extension);
+  std::transform(capital.begin(), capital.end(), capital.begin(), [](unsigned char c) { return std::toupper(c); });
+  for (const std::string& each : {std::string(extension), capital}) {
+    const std::filesystem::path path = std::filesystem::path(file).replace_extension(each);
+    if (path != file && std::filesystem::exists(path)) {
+      return path.string();
+    }
+  }
+  return {};
+}
+
+bool has_extension(const std::string& file, std::string_view extension) {
+  std::string own = std::filesystem::path(file).extension().string();
+  std::transform(own.begin(), own.end(), own.begin(), [](unsigned char c) { return std::tolower(c); });
+  return own == extension;
+}
+
+// The program, and the file that belongs to it in its language: motions before points.
+std::vector<ProgramText> texts_of(const std::string& file, const ProgramLanguage*& language) {
+  std::vector<ProgramText> texts = {{.source = file, .text = read_text_file(file)}};
+  language = &language_of(texts.front());
+  if (language->companion.empty()) {
+    return texts;
+  }
+  const bool is_companion = has_extension(file, language->companion);
+  const std::string main_extension(language->files.substr(0, language->files.find_first_of(", ")));
+  const std::string other = file_beside(file, is_companion ? main_extension : language->companion);
+  if (!other.empty()) {
+    texts.insert(is_companion ? texts.begin() : texts.end(), {.source = other, .text = read_text_file(other)});
+  }
+  return texts;
+}
+
+// Where each text goes: the given program to --output, the file beside it to the same stem.
+std::vector<OutputFile> outputs_of(const ProgramArguments& arguments, const std::vector<ProgramText>& texts) {
+  std::vector<OutputFile> files;
+  for (const ProgramText& text : texts) {
+    std::filesystem::path path = arguments.output;
+    if (text.source != arguments.program) {
+      path.replace_extension(std::filesystem::path(text.source).extension());
+    }
+    files.push_back({.option = "--output", .path = path.string(), .text = {}});
+  }
+  return files;
+}
+
 // A program that this command wrote has its record beside it.
-void require_program_of_the_user(const std::string& file, const std::string& text) {
+void require_programs_of_the_user(const std::string& file, const std::vector<ProgramText>& texts) {
   const std::string record = file + std::string(kRecord);
-  if (std::filesystem::exists(record) && read_text_file(record).find(sha256(text)) != std::string::npos) {
-    throw InputError(file + ": this program is compensated already, expected the original");
+  if (!std::filesystem::exists(record)) {
+    return;
+  }
+  const std::string written = read_text_file(record);
+  for (const ProgramText& text : texts) {
+    if (written.find(sha256(text.text)) != std::string::npos) {
+      throw InputError(text.source + ": this program is compensated already, expected the original");
+    }
   }
 }
 
@@ -56,13 +148,18 @@ std::string line_of(const CompensatedPosition& position) {
   for (const double each : position.change) {
     change += (change.empty() ? "" : ", ") + shortest(each);
   }
+  const CompensatedPoint& point = position.point;
   return fmt::format(
-      R"({{"position": {}, "status": "{}", "written": {}, "change": [{}], "position_error": {}, "orientation_error": {}}})",
-      position.number, to_string(position.status), position.written, change, shortest(position.position_error),
-      shortest(position.orientation_error));
+      R"({{"position": {}, "line": {}, "status": "{}", "written": {}, "change": [{}], "position_error": {}, "orientation_error": {}}})",
+      Json(position.name).dump(), position.line, to_string(point.status), position.written, change,
+      shortest(point.position_error), shortest(point.orientation_error));
 }
 
 std::string record_of(const ProgramArguments& arguments, const CompensatedProgram& program) {
+  Json hashes = Json::array();
+  for (const std::string& text : program.texts) {
+    hashes.push_back(sha256(text));
+  }
   Json paths = Json::array();
   for (const PathDeviation& path : program.paths) {
     paths.push_back({{"line", path.line},
@@ -71,7 +168,7 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
                      {"deviation", std::isfinite(path.deviation) ? Json(path.deviation) : Json()}});
   }
   const Json rest = {{"result_sha256", sha256_of_file(arguments.result)},
-                     {"program_sha256", sha256(program.text)},
+                     {"program_sha256", hashes.size() == 1 ? hashes.front() : hashes},
                      {"largest_rounding", program.rounding},
                      {"paths", paths},
                      {"warnings", program.warnings}};
@@ -92,95 +189,94 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
   return text;
 }
 
-std::string largest_change(const CompensatedProgram& program) {
-  std::array<double, kJoints> largest{};
+CompensationSummary summary_of(const CompensatedProgram& program, const Robot& robot, const CalibratedArm& arm) {
+  CompensationSummary summary(robot, arm);
+  std::vector<CompensatedPoint> points;
+  std::vector<double> displacements;
   for (const CompensatedPosition& position : program.positions) {
-    for (std::size_t i = 0; i < kJoints; ++i) {
-      largest[i] = std::max(largest[i], std::abs(position.change[static_cast<Eigen::Index>(i)]));
-    }
+    points.push_back(position.point);
+    displacements.push_back(position.displacement);
   }
-  std::string text = "largest change [deg]:";
-  for (std::size_t i = 0; i < kJoints; ++i) {
-    text += fmt::format(" J{} {}", i + 1, fixed(largest[i] / kDegree, 3));
-  }
-  return text + "\n";
+  summary.add(points, displacements, [&](std::size_t i) { return program.positions[i].name; });
+  return summary;
 }
 
-std::string table(const CompensatedProgram& program) {
-  constexpr std::size_t kMostLines = 10;
-  std::vector<std::string> inexact;
+std::string predictions_of(const CompensatedProgram& program, const CalibratedArm& arm) {
+  std::string text(kPredictionHeader);
   for (const CompensatedPosition& position : program.positions) {
-    if (position.status != CompensationStatus::exact) {
-      inexact.push_back(fmt::format(
-          "P[{}]: {}, {}", position.number, to_string(position.status),
-          position.written ? fmt::format("orientation off by {} mrad", fixed(position.orientation_error * 1e3, 3))
-                           : std::string("left as it was")));
-    }
-  }
-  std::string text = fmt::format("{} positions, {} of them exact\n", program.positions.size(),
-                                 program.positions.size() - inexact.size()) +
-                     largest_change(program) + "rounding to 0.001 mm and degrees moves the flange by at most " +
-                     fixed(program.rounding * 1e3, 3) + " mm\n";
-  for (std::size_t i = 0; i < std::min(kMostLines, inexact.size()); ++i) {
-    text += inexact[i] + "\n";
-  }
-  if (inexact.size() > kMostLines) {
-    text += fmt::format("and {} more\n", inexact.size() - kMostLines);
+    text += prediction_row(arm, position.name, position.point);
   }
   return text;
 }
 
-}  // namespace
-
-std::map<int, std::string> external_axes_of(const std::vector<std::string>& texts, const Robot& robot) {
-  std::map<int, std::string> axes;
-  const std::vector<std::string> joints = joint_names(robot);
-  for (const auto& [axis, joint] : keys_and_values("--external-axis", texts)) {
-    if (axis.size() != 2 || axis.front() != 'E' || axis.back() < '1' || axis.back() > '6') {
-      throw InputError("--external-axis: " + shown(axis) + " is no external axis, expected E1 to E6");
-    }
-    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
-      throw InputError("--external-axis: " + robot.source + " has no joint " + shown(joint) + ", expected one of " +
-                       comma_separated(joints));
-    }
-    axes[axis.back() - '0'] = joint;
-  }
-  return axes;
-}
-
-ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& robot, const Compensator& compensator) {
-  const std::string record = arguments.output + std::string(kRecord);
-  std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}},
-                                   {.option = "--output", .path = record, .text = {}}};
-  require_writable(files, arguments.force);
-  const std::string text = read_text_file(arguments.program);
-  require_program_of_the_user(arguments.program, text);
-  Controller controller = controller_of(arguments, robot);
-  controller.external_axes = arguments.external_axes;
-  if (!arguments.frames.empty()) {
-    controller.frames = read_numbered_frames(arguments.frames);
-    if (std::filesystem::path(arguments.frames).extension() == ".json") {
-      warn_if_found_with_another(found_with(read_json(arguments.frames), arguments.frames), arguments.frames,
-                                 arguments.result);
-    }
-  }
-  CompensatedProgram program = compensated_program(robot, compensator, controller, text, arguments.program);
-  files[1].text = record_of(arguments, program);
-  files[0].text = std::move(program.text);
-  write_whole(files, arguments.force, arguments.json ? files[1].text : table(program));
-  for (const std::string& warning : program.warnings) {
-    warn(warning);
+std::vector<std::string> warnings_of(const CompensatedProgram& program, const CompensationSummary& summary) {
+  std::vector<std::string> warnings = program.warnings;
+  for (const std::string& each : summary.warnings()) {
+    warnings.push_back(each);
   }
   for (const PathDeviation& path : program.paths) {
-    warn(fmt::format(
-        "{}:{}: from P[{}] to P[{}] the tool leaves the asked path by {}: more positions help", arguments.program,
-        path.line, path.from, path.to,
+    warnings.push_back(fmt::format(
+        "{}:{}: from {} to {} the tool leaves the asked path by {}: more positions help", path.source, path.line,
+        path.from, path.to,
         std::isfinite(path.deviation) ? fixed(path.deviation * 1e3, 3) + " mm" : "more than can be followed"));
   }
-  const bool all_exact =
-      std::all_of(program.positions.begin(), program.positions.end(),
-                  [](const CompensatedPosition& position) { return position.status == CompensationStatus::exact; });
-  return all_exact ? done : not_to_be_trusted;
+  return warnings;
+}
+
+std::string page_of(const ProgramArguments& arguments, const Robot& robot, const CompensationSummary& summary,
+                    const std::vector<std::string>& warnings) {
+  return page_of_result("compensation",
+                        with_files(summary.json(), arguments.robot, robot,
+                                   {{"result", arguments.result},
+                                    {"program", arguments.program},
+                                    {"controller", arguments.controller},
+                                    {"frames", arguments.frames},
+                                    {"joint-convention", arguments.joint_convention}}),
+                        {{"points", summary.samples()}, {"warnings", warnings}});
+}
+
+}  // namespace
+
+ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& robot) {
+  const ProgramLanguage* language = nullptr;
+  const std::vector<ProgramText> texts = texts_of(arguments.program, language);
+  std::vector<OutputFile> files = outputs_of(arguments, texts);
+  files.push_back({.option = "--output", .path = arguments.output + std::string(kRecord), .text = {}});
+  for (OutputFile& file : given_outputs(
+           {{.option = "--predict", .path = arguments.predict}, {.option = "--report", .path = arguments.report}})) {
+    files.push_back(std::move(file));
+  }
+  require_writable(files, arguments.force);
+  require_programs_of_the_user(arguments.program, texts);
+  const Controller controller = controller_of(arguments, robot, *language);
+  CompensationOptions options = arguments.options;
+  for (const auto& [axis, joint] : controller.external_axes) {
+    options.held.push_back(joint);
+  }
+  const Calibration calibration = load_calibration(arguments.result, robot);
+  CompensatedJoints near;
+  if (!arguments.near.empty()) {
+    near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});
+  }
+  CompensatedProgram program = compensated_program(robot, Compensator(calibration, options), controller, texts, near);
+  const CompensationSummary summary = summary_of(program, robot, calibration.arm());
+  const std::vector<std::string> warnings = warnings_of(program, summary);
+  const std::string record = record_of(arguments, program);
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    if (files[i].option == "--predict") {
+      files[i].text = predictions_of(program, calibration.arm());
+    } else if (files[i].option == "--report") {
+      files[i].text = page_of(arguments, robot, summary, warnings);
+    } else {
+      files[i].text = i < program.texts.size() ? std::move(program.texts[i]) : record;
+    }
+  }
+  write_whole(files, arguments.force,
+              arguments.json ? record
+                             : summary.table() + "rounding to the digits of the program moves the flange by at most " +
+                                   fixed(program.rounding * 1e3, 3) + " mm\n");
+  std::for_each(warnings.begin(), warnings.end(), warn);
+  return summary.is_exact() ? done : not_to_be_trusted;
 }
 
 }  // namespace kdl_calibration::cli

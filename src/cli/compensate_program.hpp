@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/options.hpp"
 #include "cli/subcommands.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -12,20 +13,23 @@ namespace kdl_calibration::cli {
 
 /// compensate with --program
 struct ProgramArguments {
+  RobotArguments robot;
   std::string result;
   std::string program;
-  std::string controller;  ///< empty: that of the bundled robot
-  std::string frames;      ///< may be empty
-  std::map<int, std::string> external_axes;
+  std::string controller;                  ///< empty: by the links of the URDF, or that of the bundled robot
+  std::string joint_convention;            ///< empty: that of the controller
+  std::string frames;                      ///< may be empty
+  std::vector<std::string> external_axes;  ///< such as "E1=rail"
+  std::vector<std::string> near;           ///< joint values from which the program starts, or empty
+  CompensationOptions options;
   std::string output;
+  std::string predict;  ///< may be empty
+  std::string report;   ///< may be empty
   bool force = false;
   bool json = false;
 };
 
-/// Joints of the robot by the number of an external axis, from texts such as "E1=rail". Throws InputError for others.
-std::map<int, std::string> external_axes_of(const std::vector<std::string>& texts, const Robot& robot);
-
 /// Writes the program to command and, beside it, what became of its positions (JSON).
-ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& robot, const Compensator& compensator);
+ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& robot);
 
 }  // namespace kdl_calibration::cli

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/csv.hpp"
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
@@ -41,16 +42,25 @@ std::string off(double position, double orientation) {
 
 }  // namespace
 
-CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm, const ProgramFile& program)
-    : robot_(robot),
-      arm_(arm),
-      program_(program),
-      changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
-
-std::string CompensationSummary::label(const ProgramLine& line, std::size_t ordinal) const {
-  const std::string stated = program_.label(line);
-  return stated.empty() ? std::to_string(ordinal) : stated;
+std::string prediction_row(const CalibratedArm& arm, const std::string& label, const CompensatedPoint& point) {
+  double variance = 0.0;
+  double radius = 0.0;
+  bool outside = false;
+  for (const std::string& target : arm.targets()) {
+    const PredictedPoint predicted = arm.predict(point.joint_values, target);
+    variance = std::max(variance, predicted.covariance.trace());
+    radius = std::max(radius, predicted.radius_95);
+    outside = outside || predicted.outside;
+  }
+  std::string row = csv_field(label) + "," + to_string(point.status);
+  for (const double value : {point.position_error, point.orientation_error, std::sqrt(variance), radius}) {
+    row += "," + shortest(value);
+  }
+  return row + (outside ? ",true\n" : ",false\n");
 }
+
+CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm)
+    : robot_(robot), arm_(arm), changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
 
 // Where they become too many, every second one goes.
 void CompensationSummary::add_sample(const Sample& sample) {
@@ -64,8 +74,8 @@ void CompensationSummary::add_sample(const Sample& sample) {
   }
 }
 
-void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points,
-                              std::span<const double> corrections) {
+void CompensationSummary::add(std::span<const CompensatedPoint> points, std::span<const double> corrections,
+                              const PointLabel& label) {
   constexpr std::size_t kMostListed = 1000;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const CompensatedPoint& point = points[i];
@@ -77,17 +87,17 @@ void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<cons
     position_error_ = std::max(position_error_, point.position_error);
     orientation_error_ = std::max(orientation_error_, point.orientation_error);
     if (point.status != CompensationStatus::exact && inexact_.size() < kMostListed) {
-      inexact_.push_back({.label = label(lines[i], points_),
+      inexact_.push_back({.label = label(i),
                           .status = point.status,
                           .position_error = point.position_error,
                           .orientation_error = point.orientation_error});
     }
     if (!lies_in(arm_.measured_ranges(), point.joint_values) && ++outside_ == 1) {
-      first_outside_ = label(lines[i], points_);
+      first_outside_ = label(i);
     }
     if (const double motion = arm_.undetermined_motion(point.joint_values); motion > kUndetermined) {
       throw InputError(
-          "configuration " + shown(label(lines[i], points_)) +
+          "configuration " + shown(label(i)) +
           ": the pose is not known, as 1 mm or 1 mrad of parameters that the measurements do not determine "
           "moves it by " +
           fixed(motion * 1e3, 2) +
@@ -96,13 +106,13 @@ void CompensationSummary::add(std::span<const ProgramLine> lines, std::span<cons
   }
 }
 
-void CompensationSummary::add_lines(std::span<const ProgramLine> lines, std::span<const double> deviations) {
+void CompensationSummary::add_lines(std::span<const double> deviations, const PointLabel& label) {
   with_lines_ = true;
   for (std::size_t i = 0; i < deviations.size(); ++i) {
     bent_lines_ += deviations[i] > kBentLine ? 1U : 0U;
     if (deviations[i] > deviation_) {
       deviation_ = deviations[i];
-      most_bent_ = label(lines[i], points_ - deviations.size() + i + 1);
+      most_bent_ = label(i);
     }
   }
 }

@@ -3,29 +3,39 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "cli/frames.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
-#include "measurements/program_file.hpp"
 
 namespace kdl_calibration::cli {
+
+/// The name of a point for people, by its place among those that are added.
+using PointLabel = std::function<std::string(std::size_t)>;
+
+/// Rows of --predict: how well points are known.
+inline constexpr std::string_view kPredictionHeader =
+    "configuration,status,position_error[m],orientation_error[rad],sigma[m],radius_95[m],outside\n";
+
+/// The row of a point, for its least certain target.
+std::string prediction_row(const CalibratedArm& arm, const std::string& label, const CompensatedPoint& point);
 
 /// What became of the points of a program. Keeps references. Its memory does not grow with their number.
 class CompensationSummary {
 public:
-  CompensationSummary(const Robot& robot, const CalibratedArm& arm, const ProgramFile& program);
+  CompensationSummary(const Robot& robot, const CalibratedArm& arm);
 
-  /// The next rows, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
+  /// The next points, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
   /// pose depends on parameters that were not determined.
-  void add(std::span<const ProgramLine> lines, std::span<const CompensatedPoint> points,
-           std::span<const double> corrections);
-  /// How far [m] the straight line to each of these rows is from the asked one.
-  void add_lines(std::span<const ProgramLine> lines, std::span<const double> deviations);
+  void add(std::span<const CompensatedPoint> points, std::span<const double> corrections, const PointLabel& label);
+  /// How far [m] the straight line to each of these points is from the asked one.
+  void add_lines(std::span<const double> deviations, const PointLabel& label);
 
   std::size_t points() const { return points_; }
   bool is_exact() const { return count_[0] == points_; }
@@ -34,9 +44,6 @@ public:
   /// Evenly spaced points for the page, with ordinal, status and correction.
   Json samples() const;
   std::string table() const;
-
-  /// Of the row that is the `ordinal`th.
-  std::string label(const ProgramLine& line, std::size_t ordinal) const;
 
 private:
   struct Inexact {
@@ -56,7 +63,6 @@ private:
 
   const Robot& robot_;
   CalibratedArm arm_;
-  const ProgramFile& program_;
   std::size_t points_ = 0;
   std::array<std::size_t, 5> count_{};  // of each status
   Eigen::VectorXd changes_;             // largest one of each joint

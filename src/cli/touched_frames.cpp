@@ -22,6 +22,7 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/controller.hpp"
+#include "programs/pose_numbers.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

@@ -2,14 +2,21 @@
 
 #include <fmt/core.h>
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <limits>
+#include <map>
+#include <numbers>
 #include <set>
+#include <utility>
 
+#include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/system_frames.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -26,9 +33,17 @@ constexpr std::array kLeftBecause = {
     "RX RY RZ state positions relative to a tool that stands in the cell (remote TCP): left as they are",
     "positions without GP1 are those of other motion groups: left as they are"};
 
+// A motion to P[position].
+struct LsMotion {
+  ProgramMotion motion;
+  std::optional<int> position;
+  bool is_increment = false;  // INC: the position is a step, no place
+};
+
 // What is read of a position.
 struct ReadPosition {
-  ProgramPosition position;
+  int number = 0;
+  ProgramPoint position;
   std::optional<Left> left = Left::other_groups;
   std::uint32_t found = 0;  // a bit for each of the six fields
 };
@@ -39,20 +54,21 @@ public:
   PositionReader(std::string_view text, std::string source, std::size_t at, std::size_t line)
       : text_(text), source_(std::move(source)), at_(at), line_(line) {}
 
-  void read(LsProgram& program) {
+  // `motions`: their positions by number.
+  void read(Program& program, const std::vector<LsMotion>& motions) {
     std::set<int> numbers;
     std::set<int> untaught;
     std::array<std::vector<std::size_t>, kLeftBecause.size()> left;
     for (skip_blanks(); !at_end() && !starts("/END"); skip_blanks()) {
       ReadPosition read = position();
-      const int number = read.position.number;
+      const int number = read.number;
       const std::size_t line = read.position.line;
       if (!numbers.insert(number).second) {
         line_ = line;
         fail("is there twice, expected each position once");
       }
       if (!read.left) {
-        program.positions.push_back(std::move(read.position));
+        program.points.push_back(std::move(read.position));
         continue;
       }
       left[static_cast<std::size_t>(*read.left)].push_back(line);
@@ -61,9 +77,9 @@ public:
       }
     }
     require_end();
-    for (const ProgramMotion& motion : program.motions) {
+    for (const LsMotion& motion : motions) {
       if (motion.position && untaught.contains(*motion.position)) {
-        line_ = motion.line;
+        line_ = motion.motion.line;
         fail(fmt::format("moves to P[{}], which is not taught (********), expected a taught position",
                          *motion.position));
       }
@@ -149,8 +165,8 @@ private:
   void group(ReadPosition& read);
   void skip_group();
   void entry(ReadPosition& read);
-  void external(ProgramPosition& position, const ExternalValue& value, std::string_view unit) const;
-  RobotConfiguration configuration();
+  void external(ProgramPoint& position, const ExternalValue& value, std::string_view unit) const;
+  ArmBranch configuration();
   NumberField number(std::string_view name);
 
   std::string_view text_;
@@ -169,8 +185,10 @@ ReadPosition PositionReader::position() {
   if (!number || *number < 1) {
     fail("a position has no number, expected P[1] or above");
   }
-  result.position.number = *number;
-  where_ = fmt::format("P[{}]: ", *number);
+  result.number = *number;
+  result.position.name = fmt::format("P[{}]", *number);
+  result.position.fields.resize(kJoints.size());
+  where_ = result.position.name + ": ";
   if (take(":")) {  // a comment in quotes may hold any character
     expect("\"");
     const std::size_t quote = text_.find("\"]", at_);
@@ -206,8 +224,8 @@ void PositionReader::group(ReadPosition& read) {
     entry(read);
   }
   if (read.found != (1U << kJoints.size()) - 1U) {
-    fail(read.position.configuration ? "has no complete pose, expected X Y Z W P R"
-                                     : "has no complete joint values, expected J1 to J6, or CONFIG with X Y Z W P R");
+    fail(read.position.branch ? "has no complete pose, expected X Y Z W P R"
+                              : "has no complete joint values, expected J1 to J6, or CONFIG with X Y Z W P R");
   }
 }
 
@@ -221,28 +239,31 @@ void PositionReader::skip_group() {
 
 // UF : 0 | UT : 1 | CONFIG : '...' | X = ... mm | RX = ... mm | J1= ... deg | E1= ... mm
 void PositionReader::entry(ReadPosition& read) {
-  ProgramPosition& position = read.position;
+  ProgramPoint& position = read.position;
   std::string_view name = word(":=");
   if (take(":")) {
     skip_blanks();
     if (name == "CONFIG" || name == "KONFIG") {  // the second on controllers in German
-      position.configuration = configuration();
+      position.branch = configuration();
+      position.notation = PointNotation::fixed_xyz;
     } else if (name == "UF" || name == "UT") {
-      (name == "UF" ? position.user_frame : position.tool_frame) = whole_number(word(","));
+      if (const std::optional<int> number = whole_number(word(","))) {
+        (name == "UF" ? position.user_frame : position.tool_frame) = std::to_string(*number);
+      }
     } else {
       fail("has " + shown(name) + ", expected UF, UT or CONFIG");
     }
     return;
   }
-  if (position.configuration && name.size() == 2 && name.front() == 'R') {
+  if (position.branch && name.size() == 2 && name.front() == 'R') {
     read.left = read.left.value_or(Left::remote_tool);
     name.remove_prefix(1);
   }
-  const auto& names = position.configuration ? kCartesian : kJoints;
+  const auto& names = position.branch ? kCartesian : kJoints;
   const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
   const bool is_external = name.size() == 2 && name.front() == 'E' && name.back() >= '1' && name.back() <= '6';
   if (place == names.size() && !is_external) {
-    fail("has " + shown(name) + ", expected " + (position.configuration ? "X Y Z W P R" : "J1 to J6, or CONFIG"));
+    fail("has " + shown(name) + ", expected " + (position.branch ? "X Y Z W P R" : "J1 to J6, or CONFIG"));
   }
   expect("=");
   NumberField field;
@@ -257,7 +278,7 @@ void PositionReader::entry(ReadPosition& read) {
     external(position, {.axis = name.back() - '0', .value = field.value, .is_length = unit == "mm"}, unit);
     return;
   }
-  const char* expected_unit = position.configuration && place < 3 ? "mm" : "deg";
+  const char* expected_unit = position.branch && place < 3 ? "mm" : "deg";
   if (unit != expected_unit) {
     fail(std::string(name) + " is in " + shown(unit) + ", expected " + expected_unit);
   }
@@ -268,7 +289,7 @@ void PositionReader::entry(ReadPosition& read) {
   position.fields[place] = field;
 }
 
-void PositionReader::external(ProgramPosition& position, const ExternalValue& value, std::string_view unit) const {
+void PositionReader::external(ProgramPoint& position, const ExternalValue& value, std::string_view unit) const {
   if (unit != "mm" && unit != "deg") {
     fail(fmt::format("E{} is in {}, expected mm or deg", value.axis, shown(unit)));
   }
@@ -279,7 +300,9 @@ void PositionReader::external(ProgramPosition& position, const ExternalValue& va
   position.external.push_back(value);
 }
 
-RobotConfiguration PositionReader::configuration() {
+// 'N U T, 0, 0, 0': wrist, elbow, shoulder and the turns of J1, J4 and J6. Turn t covers -180 + 360 t < J <= 180 + 360
+// t degrees.
+ArmBranch PositionReader::configuration() {
   expect("'");
   const std::string_view text = word("'");
   std::string_view rest = text;
@@ -292,17 +315,19 @@ RobotConfiguration PositionReader::configuration() {
     rest.remove_prefix(1);
     return c;
   };
-  RobotConfiguration result;
-  result.flip = next("FN") == 'F';
+  ArmBranch result;
+  result.wrist_positive = next("FN") == 'F';
   result.elbow_up = next("UD") == 'U';
   result.front = next("TB") == 'T';
-  for (int& turn : result.turns) {
+  for (const std::size_t joint : {0, 3, 5}) {
     next(",");
     const bool is_negative = trimmed(rest).starts_with('-');
     if (is_negative) {
       next("-");
     }
-    turn = (next("0123456789") - '0') * (is_negative ? -1 : 1);
+    const int turn = (next("0123456789") - '0') * (is_negative ? -1 : 1);
+    result.turns[joint] = {
+        .lower = (2 * turn - 1) * std::numbers::pi, .upper = (2 * turn + 1) * std::numbers::pi, .closed_above = true};
   }
   if (!trimmed(rest).empty()) {
     next("");
@@ -453,7 +478,7 @@ private:
 // Reads what stands before the positions of a program.
 class StatementReader {
 public:
-  explicit StatementReader(LsProgram& program) : program_(program) {}
+  explicit StatementReader(Program& program) : program_(program) {}
 
   // The statement at the beginning of `text`, which reaches to the end of the program. Returns its last line.
   std::size_t read(std::string_view text, std::size_t line) {
@@ -480,6 +505,8 @@ public:
     }
   }
 
+  const std::vector<LsMotion>& motions() const { return motions_; }
+
   void add_remarks() {
     for (std::size_t i = 0; i < kRunTimeWords.size(); ++i) {
       if (!lines_[i].empty()) {
@@ -505,32 +532,31 @@ private:
 
   // A motion of this kind to this place, the rest of whose words come next.
   void motion(char kind, std::string_view place, Words& words) {
-    const std::size_t first = program_.motions.size();
+    const std::size_t first = motions_.size();
     add_motion(kind, place, words.line());
     for (std::string_view word = words.next(); !word.empty(); word = words.next()) {
-      if (kind == 'C' && is_place(word) && program_.motions.size() == first + 1) {
+      if (kind == 'C' && is_place(word) && motions_.size() == first + 1) {
         add_motion(kind, word, words.line());
       } else if (const RunTimeWord* option = run_time_word(WordPlace::option, word)) {
         note(option, words.line());
-        for (std::size_t i = first; i < program_.motions.size(); ++i) {
-          program_.motions[i].is_known = false;
-          program_.motions[i].is_increment = program_.motions[i].is_increment || word == "INC";
+        for (std::size_t i = first; i < motions_.size(); ++i) {
+          motions_[i].motion.is_known = false;
+          motions_[i].is_increment = motions_[i].is_increment || word == "INC";
         }
       }
     }
   }
 
   void add_motion(char kind, std::string_view place, std::size_t line) {
-    ProgramMotion motion{.line = line, .is_straight = kind != 'J'};
+    const RunTimeWord* unknown = run_time_word(WordPlace::target, place);
+    LsMotion motion{.motion = {.line = line, .is_straight = kind != 'J', .is_known = unknown == nullptr}};
     int number = 0;
     const char* digits = place.data() + 2;
     if (place.starts_with("P[") && std::from_chars(digits, place.data() + place.size(), number).ptr != digits) {
       motion.position = number;
     }
-    const RunTimeWord* unknown = run_time_word(WordPlace::target, place);
-    motion.is_known = unknown == nullptr;
     note(unknown, line);
-    program_.motions.push_back(motion);
+    motions_.push_back(motion);
   }
 
   // "UFRAME_NUM=R[3]", also behind a condition: "IF (R[1]=1),UFRAME_NUM=R[3]".
@@ -549,7 +575,8 @@ private:
     }
   }
 
-  LsProgram& program_;
+  Program& program_;
+  std::vector<LsMotion> motions_;
   std::array<std::vector<std::size_t>, kRunTimeWords.size()> lines_;
 };
 
@@ -558,14 +585,40 @@ std::string_view line_at(std::string_view text, std::size_t at) {
   return text.substr(at, std::min(text.find('\n', at), text.size()) - at);
 }
 
-}  // namespace
-
-LsProgram parse_ls_program(std::string_view text, const std::string& source) {
-  if (!text.starts_with("/PROG")) {
-    throw InputError(source + ":1: begins with " + shown(text.substr(0, text.find('\n'))) +
-                     ", expected /PROG: a FANUC program as text (LS)");
+// A position that a motion with INC uses is no place, but an increment: it stays as it is.
+void leave_out_increments(Program& program, const std::vector<LsMotion>& motions) {
+  std::set<std::string> increments;
+  for (const LsMotion& motion : motions) {
+    if (motion.is_increment && motion.position) {
+      increments.insert(fmt::format("P[{}]", *motion.position));
+    }
   }
-  LsProgram program;
+  std::erase_if(program.points, [&](const ProgramPoint& point) { return increments.contains(point.name); });
+}
+
+void add_motions(Program& program, const std::vector<LsMotion>& motions) {
+  std::map<std::string, std::size_t> places;
+  for (std::size_t i = 0; i < program.points.size(); ++i) {
+    places[program.points[i].name] = i;
+  }
+  for (const LsMotion& each : motions) {
+    const auto found = each.position ? places.find(fmt::format("P[{}]", *each.position)) : places.end();
+    program.motions.push_back(each.motion);
+    if (found != places.end()) {
+      program.motions.back().point = found->second;
+    }
+  }
+}
+
+bool is_ls_program(std::string_view text) { return text.starts_with("/PROG"); }
+
+Program parse_ls_program(const std::vector<ProgramText>& texts) {
+  const std::string_view text = texts.front().text;
+  const std::string& source = texts.front().source;
+  Program program;
+  for (auto* zero : {&program.frames.user, &program.frames.tool}) {  // the world, and the faceplate
+    (*zero)["0"] = Eigen::Isometry3d::Identity();
+  }
   StatementReader statements(program);
   std::size_t line = 0;
   std::size_t last_read = 0;  // line of a statement
@@ -575,7 +628,9 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
     ++line;
     if (content.starts_with("/POS")) {
       statements.add_remarks();
-      PositionReader(text, source, at, line + 1).read(program);
+      PositionReader(text, source, at, line + 1).read(program, statements.motions());
+      leave_out_increments(program, statements.motions());
+      add_motions(program, statements.motions());
       return program;
     }
     if (line > 1 && (content.starts_with("/PROG") || content.starts_with("/END"))) {
@@ -594,28 +649,59 @@ LsProgram parse_ls_program(std::string_view text, const std::string& source) {
   throw InputError(fmt::format("{}:{}: ends here without /POS, expected the whole program", source, line));
 }
 
-std::string with_numbers(std::string_view text, const std::vector<NumberField>& fields) {
-  std::string result;
-  result.reserve(text.size());
-  std::size_t copied = 0;
-  for (const NumberField& field : fields) {
-    const std::string_view old = text.substr(field.begin, field.end - field.begin);
-    std::string number = fixed(field.value, 3);
-    double before = 0.0;
-    const std::string_view digits = trimmed(old);
-    std::from_chars(digits.data(), digits.data() + digits.size(), before);
-    if (number == fixed(before, 3)) {
-      continue;
-    }
-    if (const std::size_t zero = number.find("0."); zero == 0 || (zero == 1 && number.front() == '-')) {
-      number.erase(zero, 1);  // the controller writes -.250
-    }
-    result += text.substr(copied, field.begin - copied);
-    result += fmt::format("{:>{}}", number, std::max(old.size(), number.size() + 1));
-    copied = field.end;
+// The controller writes -.250, right-aligned.
+std::string write_ls_number(std::string_view old, double value, int decimals) {
+  std::string number = fixed(value, decimals);
+  if (const std::size_t zero = number.find("0."); zero == 0 || (zero == 1 && number.front() == '-')) {
+    number.erase(zero, 1);
   }
-  result += text.substr(copied);
-  return result;
+  return fmt::format("{:>{}}", number, std::max(old.size(), number.size() + 1));
+}
+
+// Frames of joint values are of no importance: F. PAUSE waits for the operator.
+std::string drive_ls(const std::string& name, const std::vector<MeasuringStop>& stops) {
+  std::string upper = name;
+  std::transform(upper.begin(), upper.end(), upper.begin(), [](unsigned char c) { return std::toupper(c); });
+  std::string text = fmt::format(
+      "/PROG  {}\n/ATTR\nCOMMENT\t\t= \"kdlcal plan\";\nPROTECT\t\t= READ_WRITE;\nDEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n",
+      upper);
+  std::string positions;
+  int line = 0;
+  for (std::size_t i = 0; i < stops.size(); ++i) {
+    const std::array<double, 6>& j = stops[i].joint_values;
+    text += fmt::format("{:>4}:  !configuration {} ;\n", line + 1, stops[i].label);
+    text += fmt::format("{:>4}:J P[{}] 10% FINE    ;\n{:>4}:  PAUSE ;\n", line + 2, i + 1, line + 3);
+    line += 3;
+    positions += fmt::format(
+        "P[{}]{{\n   GP1:\n\tUF : F, UT : F,\t\n\tJ1={} deg,\tJ2={} deg,\tJ3={} deg,\n\tJ4={} deg,\tJ5={} "
+        "deg,\tJ6={} deg\n}};\n",
+        i + 1, write_ls_number("         ", j[0], 3), write_ls_number("         ", j[1], 3),
+        write_ls_number("         ", j[2], 3), write_ls_number("         ", j[3], 3),
+        write_ls_number("         ", j[4], 3), write_ls_number("         ", j[5], 3));
+  }
+  return text + "/POS\n" + positions + "/END\n";
+}
+
+}  // namespace
+
+const ProgramLanguage& fanuc_ls() {
+  static const ProgramLanguage language = {.name = "FANUC LS",
+                                           .files = ".LS",
+                                           .is_written_in = is_ls_program,
+                                           .parse = parse_ls_program,
+                                           .read_frames = parse_system_frames,
+                                           .companion = "",
+                                           .needs_description = true,
+                                           .joint_names = {"J1", "J2", "J3", "J4", "J5", "J6"},
+                                           .length_unit = 1e-3,
+                                           .angle_unit = kDegree,
+                                           .reference = {},
+                                           .user_frame = "UF",
+                                           .tool_frame = "UT",
+                                           .turns = nullptr,
+                                           .write = write_ls_number,
+                                           .drive = drive_ls};
+  return language;
 }
 
 }  // namespace kdl_calibration

@@ -17,10 +17,10 @@ void json_inputs(std::string_view bytes);
 void config_file(std::string_view bytes);
 /// A URDF: the chain, the model, the export and the export read again.
 void urdf(std::string_view bytes);
-/// A FANUC program (LS).
-void fanuc_program(std::string_view bytes);
-/// The frames of a FANUC controller's backup (SYSFRAME.VA).
-void fanuc_frames(std::string_view bytes);
+/// A robot program, in each of the languages that it may be written in.
+void programs(std::string_view bytes);
+/// Frames of a controller, as a file of each language.
+void program_frames(std::string_view bytes);
 /// A whole calibration whose robot, measurements and options the bytes change.
 void calibration(std::string_view bytes);
 
@@ -34,8 +34,8 @@ inline const std::vector<Target>& targets() {
                                           {"json_inputs", json_inputs},
                                           {"config_file", config_file},
                                           {"urdf", urdf},
-                                          {"fanuc_program", fanuc_program},
-                                          {"fanuc_frames", fanuc_frames},
+                                          {"programs", programs},
+                                          {"program_frames", program_frames},
                                           {"calibration", calibration}};
   return all;
 }

@@ -95,13 +95,17 @@ std::string with_crlf(const std::string& text) {
 }
 
 CompensatedProgram compensated(const Calibration& calibration, const std::string& text,
-                               const NumberedFrames& frames = {}) {
+                               const ProgramFrames& frames = {}) {
   Controller with_frames = controller();
   with_frames.frames = frames;
-  return compensated_program(fanuc(), Compensator(calibration), with_frames, text, "IN.LS");
+  return compensated_program(fanuc(), Compensator(calibration), with_frames, {{.source = "IN.LS", .text = text}});
 }
 
-Numbers values_of(const ProgramPosition& position) {
+Program parsed(const std::string& text, const std::string& source) {
+  return fanuc_ls().parse({{.source = source, .text = text}});
+}
+
+Numbers values_of(const ProgramPoint& position) {
   Numbers values{};
   for (std::size_t i = 0; i < values.size(); ++i) {
     values[i] = position.fields[i].value;
@@ -189,8 +193,8 @@ TEST(FanucController, HasThePublishedPosesOfJointValues) {
   EXPECT_EQ(arm.posture(urdf_joints(kAtPose)), ArmPosture());
   EXPECT_EQ(arm.posture(urdf_joints(flip)), ArmPosture());
   // The pose with its CONFIG stands for these joint values: both are compensated alike.
-  NumberedFrames frames;
-  frames.tool[1] = Eigen::Translation3d(0.0, 0.0, 0.055) * Isometry3d::Identity();
+  ProgramFrames frames;
+  frames.tool["1"] = Eigen::Translation3d(0.0, 0.0, 0.055) * Isometry3d::Identity();
   const Calibration found = bent(1e-4);
   for (const auto& [configuration, j] : {std::pair{"N U T, 0, 0, 0", kAtPose}, std::pair{"F U T, 0, 0, 0", flip}}) {
     const CompensatedProgram of_pose =
@@ -229,11 +233,11 @@ TEST(FanucController, ReadsFramesOfABackup) {
       "  W:     0.000   P:   -90.000   R:     0.000\r\n";
   const std::filesystem::path file = std::filesystem::path(::testing::TempDir()) / "SYSFRAME.VA";
   std::ofstream(file) << text;
-  const NumberedFrames frames = read_numbered_frames(file);
+  const ProgramFrames frames = read_program_frames(file, fanuc_ls());
   ASSERT_THAT(frames.user, SizeIs(1));
   ASSERT_THAT(frames.tool, SizeIs(1));
-  EXPECT_LT((frames.user.at(1) * Vector3d(0.01, 0.0, 0.0) - Vector3d(1.5, -0.2405, 0.3)).norm(), 1e-12);
-  EXPECT_LT((frames.tool.at(4) * Vector3d(0.0, 0.0, 0.01) - Vector3d(-0.01, 0.0, 0.125)).norm(), 1e-12);
+  EXPECT_LT((frames.user.at("1") * Vector3d(0.01, 0.0, 0.0) - Vector3d(1.5, -0.2405, 0.3)).norm(), 1e-12);
+  EXPECT_LT((frames.tool.at("4") * Vector3d(0.0, 0.0, 0.01) - Vector3d(-0.01, 0.0, 0.125)).norm(), 1e-12);
 }
 
 // ---- Programs ------------------------------------------------------------------------------------------------------
@@ -248,14 +252,14 @@ TEST(LsProgram, ComesBackByteForByteWithoutErrors) {
   const std::string comment = "P[7:\"a]{ GP1: \"]" + bent_arm.substr(4);
   const std::string straight_down =
       cartesian(4, "UF : 2, UT : 1", "F U T, 0, -1, 0", {100, -20.5, .25, -180, 90, 12.5});
-  NumberedFrames frames;
-  frames.user[2] = Eigen::Translation3d(1.5, 0.2, -0.3) * Isometry3d::Identity();
-  frames.tool[1] = Eigen::Translation3d(0.0, 0.0, 0.125) * Isometry3d::Identity();
+  ProgramFrames frames;
+  frames.user["2"] = Eigen::Translation3d(1.5, 0.2, -0.3) * Isometry3d::Identity();
+  frames.tool["1"] = Eigen::Translation3d(0.0, 0.0, 0.125) * Isometry3d::Identity();
   const Calibration exact = bent(0.0);
   for (const std::string& positions :
        {std::string(), pose, bent_arm, hand_written, second_group, comment, straight_down, pose + bent_arm + comment}) {
     for (const std::string& text : {program(positions), with_crlf(program(positions))}) {
-      EXPECT_EQ(compensated(exact, text, frames).text, text);
+      EXPECT_EQ(compensated(exact, text, frames).texts.front(), text);
     }
   }
 }
@@ -273,12 +277,12 @@ TEST(LsProgram, BringsTheCalibratedArmWhereTheNominalOneWouldBe) {
     asked.push_back(by_kdl(fanuc().chain, urdf_joints(drawn[i])));
   }
   const CompensatedProgram program_of_joints = compensated(found, program(positions));
-  const LsProgram written = parse_ls_program(program_of_joints.text, "OUT.LS");
+  const Program written = parsed(program_of_joints.texts.front(), "OUT.LS");
   for (std::size_t i = 0; i < drawn.size(); ++i) {
-    const VectorXd q = urdf_joints(values_of(written.positions[i]));
+    const VectorXd q = urdf_joints(values_of(written.points[i]));
     EXPECT_LT(distance(by_kdl(calibrated, q), asked[i]), 5e-5);
     EXPECT_GT(distance(by_kdl(calibrated, urdf_joints(drawn[i])), asked[i]), 1e-3);
-    EXPECT_EQ(program_of_joints.positions[i].status, CompensationStatus::exact);
+    EXPECT_EQ(program_of_joints.positions[i].point.status, CompensationStatus::exact);
   }
   EXPECT_GT(program_of_joints.rounding, 5e-6);
   EXPECT_LT(program_of_joints.rounding, 5e-5);
@@ -290,7 +294,7 @@ TEST(LsProgram, CommandsPosesThatTheControllerTurnsIntoTheRightOnes) {
   const KDL::Chain calibrated = found.urdf_chain();
   const CompensatedProgram result =
       compensated(found, program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose)));
-  const Numbers commanded = values_of(parse_ls_program(result.text, "OUT.LS").positions.front());
+  const Numbers commanded = values_of(parsed(result.texts.front(), "OUT.LS").points.front());
   KDL::ChainIkSolverPos_LMA controller_ik(fanuc().chain, Eigen::Matrix<double, 6, 1>::Ones(), 1e-12);
   KDL::JntArray seed(6);
   seed.data = urdf_joints(kAtPose);
@@ -305,9 +309,9 @@ TEST(LsProgram, WritesAnglesOfAPoseWithinHalfATurn) {
       bent(1e-3), program(cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1500, 0, 360, 179.999, -45, 0}) +
                           cartesian(2, "UF : 0, UT : 0", "N U T, 0, 0, 0", {1500, 0, 360, -179.999, -45, 0})));
   for (const CompensatedPosition& position : result.positions) {
-    EXPECT_TRUE(position.written) << position.number;
+    EXPECT_TRUE(position.written) << position.name;
   }
-  const std::vector<ProgramPosition> commanded = parse_ls_program(result.text, "OUT.LS").positions;
+  const std::vector<ProgramPoint> commanded = parsed(result.texts.front(), "OUT.LS").points;
   EXPECT_LE(std::abs(values_of(commanded[0])[3]), 180.0);
   EXPECT_NEAR(values_of(commanded[0])[3], values_of(commanded[1])[3], 0.01);
 }
@@ -323,8 +327,8 @@ TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
   // A turn of J1 is beyond its limits of +-185 degrees.
   const std::string beyond = program(cartesian(1, "UF : 0, UT : 0", "N U T, 1, 0, 0", kPose));
   const CompensatedProgram result = compensated(found, beyond);
-  EXPECT_EQ(result.positions.front().status, CompensationStatus::out_of_limits);
-  EXPECT_EQ(result.text, beyond);
+  EXPECT_EQ(result.positions.front().point.status, CompensationStatus::out_of_limits);
+  EXPECT_EQ(result.texts.front(), beyond);
 }
 
 TEST(LsProgram, LeavesAPositionAloneThatWouldChangeItsConfiguration) {
@@ -337,9 +341,9 @@ TEST(LsProgram, LeavesAPositionAloneThatWouldChangeItsConfiguration) {
   const Numbers numbers = {n[0] * 1e3, n[1] * 1e3, n[2] * 1e3, n[3] / kDegree, n[4] / kDegree, n[5] / kDegree};
   const std::string text = program(cartesian(1, "UF : 0, UT : 0", "F U T, 0, 0, 0", numbers));
   const CompensatedProgram result = compensated(calibration_of(model, errors), text);
-  EXPECT_EQ(result.positions.front().status, CompensationStatus::branch_changed);
+  EXPECT_EQ(result.positions.front().point.status, CompensationStatus::branch_changed);
   EXPECT_FALSE(result.positions.front().written);
-  EXPECT_EQ(result.text, text);
+  EXPECT_EQ(result.texts.front(), text);
 }
 
 TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
@@ -359,11 +363,11 @@ TEST(LsProgram, WarnsOfWhatIsKnownAtRunTimeOnlyAndOfPaths) {
                           HasSubstr("IN.LS:14: Tool_Offset")));
   // An increment is no pose: it stays as it is, even if no joint values reach it.
   EXPECT_THAT(result.positions, SizeIs(3));
-  EXPECT_THAT(result.text, HasSubstr(increment));
+  EXPECT_THAT(result.texts.front(), HasSubstr(increment));
   ASSERT_THAT(result.paths, SizeIs(1));  // line 10 of the program alone: the others are short, or start nowhere
   EXPECT_EQ(result.paths.front().line, 16U);
-  EXPECT_EQ(result.paths.front().from, 1);
-  EXPECT_EQ(result.paths.front().to, 2);
+  EXPECT_EQ(result.paths.front().from, "P[1]");
+  EXPECT_EQ(result.paths.front().to, "P[2]");
 }
 
 // A statement ends at its semicolon, which may stand on a line without a number.
@@ -373,13 +377,13 @@ TEST(LsProgram, ReadsAMotionUpToItsSemicolon) {
   for (const std::string end : {" INC    ;\n", "\n    :  INC    ;\n", "\r\n    :  PTH ACC80\r\n    :  INC;\r\n"}) {
     const CompensatedProgram result = of("   1:J P[1] 100% FINE    ;\n   2:L P[2] 9mm/sec FINE" + end);
     EXPECT_THAT(result.warnings, ElementsAre(HasSubstr(": INC makes a position an increment"))) << end;
-    EXPECT_THAT(result.text, HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << end;
+    EXPECT_THAT(result.texts.front(), HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << end;
     EXPECT_THAT(result.positions, SizeIs(1));
   }
   // Whatever else the motion has.
   for (const std::string options : {"INC Offset,PR[1]", "Offset,PR[1] INC"}) {
     const CompensatedProgram result = of("   1:J P[1] 100% FINE    ;\n   2:L P[2] 9mm/sec FINE " + options + "    ;\n");
-    EXPECT_THAT(result.text, HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << options;
+    EXPECT_THAT(result.texts.front(), HasSubstr(joints(2, {60, 20, -20, 10, -50, 10}))) << options;
     EXPECT_THAT(result.positions, SizeIs(1)) << options;
   }
   // A bracket that does not close hides no semicolon at a line's end.
@@ -464,8 +468,8 @@ TEST(LsProgram, LeavesPositionsThatSayNothingOfTheArm) {
       const CompensatedProgram result = compensated(found, text);
       EXPECT_THAT(result.warnings, ElementsAre(StartsWith(warning)));
       EXPECT_THAT(result.positions, SizeIs(1));
-      EXPECT_THAT(result.text, HasSubstr(text.substr(text.find(position.substr(0, 4)))));
-      EXPECT_NE(result.text, text);
+      EXPECT_THAT(result.texts.front(), HasSubstr(text.substr(text.find(position.substr(0, 4)))));
+      EXPECT_NE(result.texts.front(), text);
     }
   }
   const std::string lines = "   1:J P[1] 100% FINE    ;\n   2:C P[1]\n    :  P[7] 9mm/sec FINE    ;\n";
@@ -478,9 +482,9 @@ TEST(LsProgram, ReadsConfigurationsInGerman) {
   std::string german = english;
   german.replace(german.find("CONFIG"), 6, "KONFIG");
   const Calibration found = bent(1e-3);
-  std::string wanted = compensated(found, english).text;
+  std::string wanted = compensated(found, english).texts.front();
   EXPECT_NE(wanted, english);
-  EXPECT_EQ(compensated(found, german).text, wanted.replace(wanted.find("CONFIG"), 6, "KONFIG"));
+  EXPECT_EQ(compensated(found, german).texts.front(), wanted.replace(wanted.find("CONFIG"), 6, "KONFIG"));
 }
 
 // ---- External axes -------------------------------------------------------------------------------------------------
@@ -510,7 +514,8 @@ CompensatedProgram compensated_on_rail(const Calibration& calibration, const std
                                        const std::map<int, std::string>& axes = {{1, "turn"}, {2, "rail"}}) {
   Controller with_axes = controller();
   with_axes.external_axes = axes;
-  return compensated_program(on_rail(), Compensator(calibration, {.held = {"rail", "turn"}}), with_axes, text, "IN.LS");
+  return compensated_program(on_rail(), Compensator(calibration, {.held = {"rail", "turn"}}), with_axes,
+                             {{.source = "IN.LS", .text = text}});
 }
 
 std::string with_axes(std::string position, double turn, double rail) {
@@ -543,7 +548,7 @@ TEST(ExternalAxes, CarryTheArmAndStayAsTheyAre) {
     const std::string text = program(with_axes(joints(1, kAtPose), turn, rail) +
                                      with_axes(cartesian(2, "UF : 0, UT : 0", "N U T, 0, 0, 0", pose), turn, rail));
     const CompensatedProgram result = compensated_on_rail(found, text);
-    const std::vector<ProgramPosition> written = parse_ls_program(result.text, "OUT.LS").positions;
+    const std::vector<ProgramPoint> written = parsed(result.texts.front(), "OUT.LS").points;
     const Isometry3d goal = by_kdl(on_rail().chain, asked);
     const auto reached = [&](const VectorXd& arm) {
       EXPECT_GT(distance(by_kdl(calibrated, asked), goal), 1e-3);
@@ -561,7 +566,7 @@ TEST(ExternalAxes, CarryTheArmAndStayAsTheyAre) {
                        by_kdl(on_rail().chain, rail_joints(turn, rail, urdf_joints(driven)))),
               5e-5);
     for (std::size_t i = 0; i < 2; ++i) {
-      EXPECT_EQ(result.positions[i].status, CompensationStatus::exact);
+      EXPECT_EQ(result.positions[i].point.status, CompensationStatus::exact);
       EXPECT_EQ(written[i].external.at(0).value, turn);
       EXPECT_EQ(written[i].external.at(1).value, rail);
     }
@@ -575,7 +580,7 @@ TEST(ExternalAxes, MoveEvenlyAlongAPath) {
   const std::string text =
       program(with_axes(joints(1, kAtPose), 10, -900) + with_axes(joints(2, there), 25, 700), lines);
   EXPECT_THAT(compensated_on_rail(bent_on_rail(0.0), text).paths, SizeIs(0));
-  EXPECT_EQ(compensated_on_rail(bent_on_rail(0.0), text).text, text);
+  EXPECT_EQ(compensated_on_rail(bent_on_rail(0.0), text).texts.front(), text);
   const CompensatedProgram result = compensated_on_rail(bent_on_rail(3e-3), text);
   ASSERT_THAT(result.paths, SizeIs(1));
   EXPECT_LT(result.paths.front().deviation, 0.02);
@@ -595,7 +600,7 @@ TEST(ExternalAxes, AreAllStated) {
   EXPECT_REFUSED("P[1]: has no E4 in deg, expected that of joint 'turn'",
                  compensated_on_rail(found, text, {{2, "rail"}, {4, "turn"}}));
   // The values of an arm that stands on no axis are its own: an axis beside them moves something else.
-  EXPECT_EQ(compensated(bent(1e-3), text).positions.front().status, CompensationStatus::exact);
+  EXPECT_EQ(compensated(bent(1e-3), text).positions.front().point.status, CompensationStatus::exact);
 }
 
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
@@ -621,12 +626,12 @@ TEST(LsProgram, RefusesWhatItCannotCompensate) {
     return program(text.replace(text.find(old), old.size(), now));
   };
   const std::vector<std::pair<std::string, std::string>> cases = {
-      {"G00 X1\n", "IN.LS:1: begins with 'G00 X1', expected /PROG"},
+      {"G00 X1\n", "IN.LS:1: begins with 'G00 X1', expected a program in one of these languages: FANUC LS (.LS), "},
       {with("UF : 0", "UF : 4"), "IN.LS:8: P[3]: UF 4 is not known"},
-      {with("UT : 0", "UT : F"), "IN.LS:8: P[3]: UT has no number"},
-      {with("UF : 0, ", ""), "P[3]: UF has no number"},
+      {with("UT : 0", "UT : F"), "IN.LS:8: P[3]: UT is not stated"},
+      {with("UF : 0, ", ""), "P[3]: UF is not stated"},
       {with("  1500.000", "  nan"), "IN.LS:11: P[3]: X is 'nan  mm', expected a number"},
-      {with("  1500.000", "  9500.000"), "P[3]: no joint values reach it with this CONFIG"},
+      {with("  1500.000", "  9500.000"), "P[3]: no joint values reach it with this configuration"},
       {with("N U T", "X U T"), "IN.LS:10: P[3]: CONFIG is 'X U T, 0, 0, 0'"},
       {with("0, 0, 0'", "0, 0'"), "CONFIG is"},
       {with(" mm", " in"), "P[3]: X is in 'in', expected mm"},
@@ -666,16 +671,16 @@ TEST(LsProgram, RefusesWhatItCannotCompensate) {
 class VirtualProgram {
 public:
   VirtualProgram() {
-    frames.user[2] = Eigen::Translation3d(0.4, -0.3, 0.2) * AngleAxisd(0.3, Vector3d(1.0, 2.0, 3.0).normalized());
-    frames.tool[1] = Eigen::Translation3d(0.05, 0.02, 0.3) * AngleAxisd(-0.7, Vector3d::UnitY());
+    frames.user["2"] = Eigen::Translation3d(0.4, -0.3, 0.2) * AngleAxisd(0.3, Vector3d(1.0, 2.0, 3.0).normalized());
+    frames.tool["1"] = Eigen::Translation3d(0.05, 0.02, 0.3) * AngleAxisd(-0.7, Vector3d::UnitY());
   }
 
   void add(const VectorXd& q, bool is_pose) {
     const Numbers j = {q[0], -q[1], q[2] + q[1], -q[3], q[4], -q[5]};
     Numbers numbers{};
     if (is_pose) {
-      const Isometry3d faceplate = frames.user[2].inverse() * controller().X_BW.inverse() * by_kdl(fanuc().chain, q) *
-                                   controller().X_FP * frames.tool[1];
+      const Isometry3d faceplate = frames.user["2"].inverse() * controller().X_BW.inverse() * by_kdl(fanuc().chain, q) *
+                                   controller().X_FP * frames.tool["1"];
       const SixJoints xyzwpr = xyzwpr_of(faceplate, SixJoints::Zero());
       for (std::size_t i = 0; i < 6; ++i) {
         numbers[i] = xyzwpr[static_cast<Eigen::Index>(i)] / (i < 3 ? 1e-3 : kDegree);
@@ -697,15 +702,15 @@ public:
   }
 
   // The flange, as the controller's nominal arm has it at these numbers.
-  Isometry3d flange(const ProgramPosition& position, const Numbers& numbers) const {
-    return position.configuration ? flange_of(numbers, frames.user.at(2), frames.tool.at(1))
-                                  : by_kdl(fanuc().chain, urdf_joints(numbers));
+  Isometry3d flange(const ProgramPoint& position, const Numbers& numbers) const {
+    return position.branch ? flange_of(numbers, frames.user.at("2"), frames.tool.at("1"))
+                           : by_kdl(fanuc().chain, urdf_joints(numbers));
   }
 
   // The joint values of the controller, which are near `q`.
-  VectorXd driven(const ProgramPosition& position, const VectorXd& q) const {
+  VectorXd driven(const ProgramPoint& position, const VectorXd& q) const {
     const Numbers numbers = values_of(position);
-    if (!position.configuration) {
+    if (!position.branch) {
       return urdf_joints(numbers);
     }
     KDL::ChainIkSolverPos_LMA controller_ik(fanuc().chain, Eigen::Matrix<double, 6, 1>::Ones(), 1e-10);
@@ -717,7 +722,7 @@ public:
   }
 
   // [m^2] of a point of the flange by rounding to the last digit.
-  double rounding_variance(const ProgramPosition& position, const Vector3d& point) const {
+  double rounding_variance(const ProgramPoint& position, const Vector3d& point) const {
     const Numbers numbers = values_of(position);
     double variance = 0.0;
     for (std::size_t i = 0; i < 6; ++i) {
@@ -728,7 +733,7 @@ public:
     return variance;
   }
 
-  NumberedFrames frames;
+  ProgramFrames frames;
   WristArm arm{fanuc(), SixJoints::Zero()};
   std::string text;
   std::vector<Numbers> asked;
@@ -763,12 +768,12 @@ TEST(LsProgramLongRun, BringsTheTrueToolWhereItsUncertaintySays) {
       virtual_program.add(drawn.col(i), i % 2 == 1 && refused == "nothing was refused");
     }
     const CompensatedProgram result = compensated(found, program(virtual_program.text), virtual_program.frames);
-    const LsProgram written = parse_ls_program(result.text, "OUT.LS");
+    const Program written = parsed(result.texts.front(), "OUT.LS");
     for (std::size_t i = 0; i < kPoints; ++i) {
-      if (result.positions[i].status != CompensationStatus::exact) {
+      if (result.positions[i].point.status != CompensationStatus::exact) {
         continue;
       }
-      const ProgramPosition& position = written.positions[i];
+      const ProgramPoint& position = written.points[i];
       const VectorXd q = virtual_program.driven(position, drawn.col(static_cast<Eigen::Index>(i)));
       const Vector3d wanted =
           estimate.frames.base() * virtual_program.flange(position, virtual_program.asked[i]) * target;
@@ -777,7 +782,7 @@ TEST(LsProgramLongRun, BringsTheTrueToolWhereItsUncertaintySays) {
                (found.arm().predict(q, "A", PredictionFrame::measuring).covariance.trace() +
                 virtual_program.rounding_variance(position, target));
       ++count;
-      poses += position.configuration ? 1 : 0;
+      poses += position.branch ? 1 : 0;
     }
   }
   EXPECT_GT(count, 0.9 * kRobots * kPoints);

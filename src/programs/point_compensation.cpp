@@ -1,0 +1,342 @@
+#include "programs/point_compensation.hpp"
+
+#include <fmt/core.h>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "interface/compensated_line.hpp"
+#include "kdl_calibration/input_error.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::Isometry3d;
+
+constexpr std::size_t kFifth = 4;
+constexpr double kTurn = 2.0 * std::numbers::pi;
+
+bool is_length(const ProgramPoint& point, std::size_t field) {
+  return point.notation != PointNotation::joints && field < 3;
+}
+
+bool is_angle_of_pose(const ProgramPoint& point, std::size_t field) {
+  return field >= 3 && (point.notation == PointNotation::fixed_xyz || point.notation == PointNotation::moving_zyx);
+}
+
+bool is_within(const MovingJoint& joint, double value) {
+  constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  return value >= joint.lower.value_or(-kInfinite) && value <= joint.upper.value_or(kInfinite);
+}
+
+// The full turns that bring the value into the interval, preferably within the joint's limits. Where several do, the
+// fewest into an interval without end, else those that need no tolerance.
+template <typename Allowed>
+std::optional<int> turns_into(const JointInterval& interval, double value, double tolerance, const Allowed& allowed) {
+  const bool is_endless = !std::isfinite(interval.lower) || !std::isfinite(interval.upper);
+  const double nearest = is_endless ? 0.0 : std::round((interval.lower - value) / kTurn);
+  std::optional<int> best;
+  std::array<int, 3> best_rank{};
+  for (int i = -2; i <= 2; ++i) {
+    const int turns = static_cast<int>(nearest) + i;
+    const double turned = value + turns * kTurn;
+    if (!interval.contains(turned, tolerance)) {
+      continue;
+    }
+    const int tolerated = interval.contains(turned) ? 0 : 1;
+    const std::array<int, 3> rank = {allowed(turned) ? 0 : 1, is_endless ? std::abs(turns) : tolerated,
+                                     is_endless ? tolerated : std::abs(turns)};
+    if (!best || rank < best_rank) {
+      best = turns;
+      best_rank = rank;
+    }
+  }
+  return best;
+}
+
+bool is_positive(const SixJoints& values) { return std::remainder(values[kFifth], kTurn) > 0.0; }
+
+}  // namespace
+
+PointCompensation::PointCompensation(const Robot& robot, const Compensator& compensator, const Controller& controller,
+                                     const ProgramLanguage& language, const Program& program,
+                                     const std::vector<ProgramText>& texts)
+    : compensator_(compensator),
+      controller_(controller),
+      language_(language),
+      frames_(program.frames),
+      texts_(texts),
+      carrier_(robot, controller.external_axes),
+      robot_(carrier_.arm(robot)),
+      joints_(robot_, controller.convention ? &*controller.convention : nullptr, language) {
+  if (std::any_of(program.points.begin(), program.points.end(),
+                  [](const ProgramPoint& point) { return point.branch.has_value(); })) {
+    arm_.emplace(robot_, joints_.urdf(SixJoints(language.reference.data())));
+  }
+}
+
+bool PointCompensation::follows_previous(const ProgramPoint& point) {
+  return point.notation != PointNotation::joints && !point.branch && !point.near;
+}
+
+PointCompensation::Outcome PointCompensation::compensate(ProgramPoint& point, const CompensatedJoints& previous) const {
+  const PointNumbers numbers = numbers_in(point);
+  Outcome result;
+  CompensatedPosition& position = result.position;
+  position.name = point.name;
+  position.source = texts_[point.file].source;
+  position.line = point.line;
+  CompensatedPoint& solved = position.point;
+  solved = solve(point, numbers, previous, result.asked);
+  const SixJoints asked = joints_.controller(result.asked.tail<6>());
+  const SixJoints commanded = joints_.controller(solved.joint_values.tail<6>());
+  position.written = solved.status == CompensationStatus::exact || solved.status == CompensationStatus::position_only;
+  if (position.written && point.branch &&
+      !(stays_in_branch(result.asked, solved.joint_values) && states_turns(point, commanded))) {
+    solved.status = CompensationStatus::branch_changed;
+    position.written = false;
+  }
+  if (!position.written) {
+    solved.joint_values = result.asked;
+    solved.change.setZero(result.asked.size());
+    position.change.setZero();
+    return result;
+  }
+  position.change = commanded - asked;
+  const Eigen::Vector3d flange_at = compensator_.nominal_pose(solved.joint_values).translation();
+  position.displacement = (flange_at - compensator_.nominal_pose(result.asked).translation()).norm();
+  set_numbers(point, point.notation == PointNotation::joints ? PointNumbers(commanded)
+                                                             : commanded_numbers(point, numbers, solved.joint_values));
+  position.rounding = (flange(point, numbers_in(point)).translation() - flange_at).norm();
+  return result;
+}
+
+double PointCompensation::deviation(const Outcome& from, const Outcome& to, const ProgramPoint& end) const {
+  const Isometry3d X_FT = controller_.X_FP * tool_frame(end).value_or(Isometry3d::Identity());
+  const auto line_end = [&](const Outcome& outcome) {
+    return LineEnd{.X_BT = compensator_.nominal_pose(outcome.asked) * X_FT,
+                   .joint_values = outcome.position.point.joint_values};
+  };
+  return line_deviation(compensator_, X_FT, line_end(from), line_end(to));
+}
+
+std::string PointCompensation::where(const ProgramPoint& point) const {
+  return fmt::format("{}:{}: {}: ", texts_[point.file].source, point.line, point.name);
+}
+
+void PointCompensation::fail(const ProgramPoint& point, const std::string& what) const {
+  throw InputError(where(point) + what);
+}
+
+// ---- Frames and numbers --------------------------------------------------------------------------------------------
+
+std::optional<Isometry3d> PointCompensation::tool_frame(const ProgramPoint& point) const {
+  for (const auto* frames : {&frames_.tool, &controller_.frames.tool}) {
+    if (const auto found = point.tool_frame ? frames->find(*point.tool_frame) : frames->end(); found != frames->end()) {
+      return found->second;
+    }
+  }
+  return std::nullopt;
+}
+
+Isometry3d PointCompensation::required_frame(const ProgramPoint& point, bool is_tool) const {
+  const std::optional<std::string>& key = is_tool ? point.tool_frame : point.user_frame;
+  const std::string_view word = is_tool ? language_.tool_frame : language_.user_frame;
+  if (!key) {
+    fail(point, fmt::format("{} is not stated, expected the frame of the pose", word));
+  }
+  for (const ProgramFrames* frames : {&frames_, &controller_.frames}) {
+    const std::map<std::string, Isometry3d>& named = is_tool ? frames->tool : frames->user;
+    if (const auto found = named.find(*key); found != named.end()) {
+      return found->second;
+    }
+  }
+  fail(point, fmt::format("{} {} is not known, expected it in --frames", word, *key));
+}
+
+CompensatedJoints PointCompensation::all_joints(const ProgramPoint& point, const SixJoints& arm) const {
+  return carrier_.with(point, arm, where(point));
+}
+
+// X_BF of the point's numbers.
+Isometry3d PointCompensation::flange(const ProgramPoint& point, const PointNumbers& numbers) const {
+  if (point.notation == PointNotation::joints) {
+    return compensator_.nominal_pose(all_joints(point, joints_.urdf(numbers)));
+  }
+  return controller_.X_BW * required_frame(point, false) * pose_of(point.notation, numbers) *
+         (controller_.X_FP * required_frame(point, true)).inverse();
+}
+
+PointNumbers PointCompensation::commanded_numbers(const ProgramPoint& point, const PointNumbers& old,
+                                                  const CompensatedJoints& q) const {
+  return numbers_of(point.notation,
+                    (controller_.X_BW * required_frame(point, false)).inverse() * compensator_.nominal_pose(q) *
+                        controller_.X_FP * required_frame(point, true),
+                    old);
+}
+
+PointNumbers PointCompensation::numbers_in(const ProgramPoint& point) const {
+  PointNumbers numbers(static_cast<Index>(point.fields.size()));
+  for (std::size_t i = 0; i < point.fields.size(); ++i) {
+    numbers[static_cast<Index>(i)] = point.fields[i].value * unit(point, i);
+  }
+  return numbers;
+}
+
+double PointCompensation::unit(const ProgramPoint& point, std::size_t field) const {
+  if (is_length(point, field)) {
+    return language_.length_unit;
+  }
+  return point.notation == PointNotation::quaternion ? 1.0 : language_.angle_unit;
+}
+
+// In the program's units with the decimals of the text; angles of a pose from -180 to 180 degrees.
+void PointCompensation::set_numbers(ProgramPoint& point, const PointNumbers& numbers) const {
+  for (std::size_t i = 0; i < point.fields.size(); ++i) {
+    const double last = std::pow(10.0, -point.fields[i].decimals);
+    const double turn = kTurn / language_.angle_unit;
+    double rounded = std::round(numbers[static_cast<Index>(i)] / unit(point, i) / last) * last;
+    if (is_angle_of_pose(point, i) && std::abs(rounded) > turn / 2.0 + last / 2.0) {
+      rounded = std::remainder(rounded, turn);
+    }
+    point.fields[i].value = rounded;
+  }
+}
+
+// ---- Joint values --------------------------------------------------------------------------------------------------
+
+CompensatedPoint PointCompensation::solve(const ProgramPoint& point, const PointNumbers& numbers,
+                                          const CompensatedJoints& previous, CompensatedJoints& asked) const {
+  if (point.notation == PointNotation::joints) {
+    asked = all_joints(point, joints_.urdf(numbers));
+    return compensator_.solve(asked);
+  }
+  for (const ExternalValue& external : point.external) {
+    if (!carrier_.has(external.axis)) {
+      fail(point, fmt::format("is a pose with an external axis E{0}, expected --external-axis E{0}=JOINT of a URDF "
+                              "with that joint, or joint values",
+                              external.axis));
+    }
+  }
+  const Isometry3d X_BF = flange(point, numbers);
+  if (point.branch) {
+    const CompensatedJoints start = all_joints(point, SixJoints::Zero());
+    asked = all_joints(point, solution(point, carrier_.pose(start).inverse() * X_BF));
+    return compensator_.solve(X_BF, asked);
+  }
+  if (point.near) {
+    return solve_near(point, X_BF, all_joints(point, joints_.urdf(*point.near)), asked);
+  }
+  if (previous.size() == 0) {
+    fail(point,
+         "is a pose whose joint values depend on the point before, expected a point with joint values before "
+         "it, or --near");
+  }
+  return solve_near(point, X_BF, previous, asked);
+}
+
+// Follows the solution from pose to pose on the way, so that it stays in the branch of `near`.
+CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const Isometry3d& X_BF,
+                                               const CompensatedJoints& near, CompensatedJoints& asked) const {
+  constexpr int kSteps = 8;
+  constexpr double kReached = 1e-6;
+  const Isometry3d from = compensator_.nominal_pose(near);
+  const Eigen::Quaterniond start(from.linear());
+  const Eigen::Quaterniond end(X_BF.linear());
+  asked = all_joints(point, near.tail<6>());
+  CompensatedPoint found;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double share = static_cast<double>(i) / kSteps;
+    Isometry3d pose = X_BF;
+    if (i < kSteps) {
+      pose.linear() = start.slerp(share, end).toRotationMatrix();
+      pose.translation() = from.translation() + share * (X_BF.translation() - from.translation());
+    }
+    found = compensator_.solve(pose, asked);
+    const CompensatedJoints nominal = found.joint_values - found.change;
+    if (compensator_.nominal_pose(nominal).isApprox(pose, kReached)) {
+      asked = nominal;
+    } else if (i == kSteps) {
+      fail(point, "no joint values reach it from those of the point before, expected a pose within reach");
+    }
+  }
+  return found;
+}
+
+// Of the solutions for the flange in the frame of the arm's first link, the one that the branch means.
+SixJoints PointCompensation::solution(const ProgramPoint& point, const Isometry3d& X_CF) const {
+  const WristArm::Solutions solutions = arm_->solve(X_CF);
+  std::optional<SixJoints> found;
+  for (const SixJoints& each : solutions.joint_values) {
+    const std::optional<SixJoints> candidate = turned(*point.branch, each);
+    constexpr double kSame = 1e-6;
+    if (candidate && found && (*candidate - *found).norm() > kSame) {
+      fail(point, "is reached by several joint values with this configuration, expected joint values");
+    }
+    found = candidate ? candidate : found;
+  }
+  if (!found) {
+    fail(point, solutions.singular ? "stands in a singularity, where many joint values reach it, expected joint values"
+                                   : "no joint values reach it with this configuration, expected a pose within reach");
+  }
+  return *found;
+}
+
+// The solution with the turns of the branch; none if it is of another branch. Text rounds: a joint that a program has
+// at the bound of an interval may lie beyond it.
+std::optional<SixJoints> PointCompensation::turned(const ArmBranch& branch, const SixJoints& q) const {
+  constexpr double kRounding = 2e-4;  // [rad]
+  const ArmPosture posture = arm_->posture(q);
+  SixJoints values = joints_.controller(q);
+  if (branch.front.value_or(posture.front) != posture.front ||
+      branch.elbow_up.value_or(posture.elbow_up) != posture.elbow_up ||
+      branch.wrist_positive.value_or(is_positive(values)) != is_positive(values)) {
+    return std::nullopt;
+  }
+  for (std::size_t i = 0; i < branch.turns.size(); ++i) {
+    if (!branch.turns[i]) {
+      continue;
+    }
+    double& value = values[static_cast<Index>(i)];
+    const std::optional<int> turns = turns_into(*branch.turns[i], value, kRounding, [&](double turned) {
+      SixJoints others = values;
+      others[static_cast<Index>(i)] = turned;
+      return is_within(robot_.joints[i], joints_.urdf(others)[static_cast<Index>(i)]);
+    });
+    if (!turns) {
+      return std::nullopt;
+    }
+    value += *turns * kTurn;
+  }
+  return joints_.urdf(values);
+}
+
+// Shoulder, elbow and wrist on the same sides.
+bool PointCompensation::stays_in_branch(const CompensatedJoints& asked, const CompensatedJoints& commanded) const {
+  const SixJoints a = asked.tail<6>();
+  const SixJoints b = commanded.tail<6>();
+  return arm_->posture(a) == arm_->posture(b) &&
+         is_positive(joints_.controller(a)) == is_positive(joints_.controller(b));
+}
+
+// Whether the point states the turns of these values of the controller's joints. Writes them where it has numbers that
+// follow the values.
+bool PointCompensation::states_turns(ProgramPoint& point, const SixJoints& commanded) const {
+  bool same = true;
+  for (std::size_t i = 0; i < point.branch->turns.size(); ++i) {
+    const std::optional<JointInterval>& interval = point.branch->turns[i];
+    same = same && (!interval || interval->contains(commanded[static_cast<Index>(i)]));
+  }
+  if (same || point.turn_fields.empty()) {
+    return same;
+  }
+  const std::vector<int> turns = language_.turns(commanded);
+  for (std::size_t i = 0; i < turns.size(); ++i) {
+    point.turn_fields[i].value = turns[i];
+  }
+  return true;
+}
+
+}  // namespace kdl_calibration

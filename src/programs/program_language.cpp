@@ -1,0 +1,56 @@
+#include "programs/program_language.hpp"
+
+#include <fmt/core.h>
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+
+#include "base/text.hpp"
+#include "kdl_calibration/input_error.hpp"
+#include "programs/ls_program.hpp"
+#include "programs/ur_program.hpp"
+
+namespace kdl_calibration {
+namespace {
+
+std::string all_languages() {
+  std::vector<std::string> names;
+  for (const ProgramLanguage* language : program_languages()) {
+    names.push_back(fmt::format("{} ({})", language->name, language->files));
+  }
+  return comma_separated(names);
+}
+
+}  // namespace
+
+const std::vector<const ProgramLanguage*>& program_languages() {
+  static const std::vector<const ProgramLanguage*> languages = {&fanuc_ls(), &ur_script()};
+  return languages;
+}
+
+const ProgramLanguage& language_of(const ProgramText& text) {
+  const auto& languages = program_languages();
+  const auto found = std::find_if(languages.begin(), languages.end(),
+                                  [&](const ProgramLanguage* language) { return language->is_written_in(text.text); });
+  if (found == languages.end()) {
+    throw InputError(fmt::format("{}:1: begins with {}, expected a program in one of these languages: {}", text.source,
+                                 shown(text.text.substr(0, text.text.find('\n'))), all_languages()));
+  }
+  return **found;
+}
+
+const ProgramLanguage& language_of_file(const std::string& file) {
+  std::string extension = std::filesystem::path(file).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  for (const ProgramLanguage* language : program_languages()) {
+    std::string files(language->files);
+    std::transform(files.begin(), files.end(), files.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (files.substr(0, files.find(',')) == extension) {
+      return *language;
+    }
+  }
+  throw InputError(fmt::format("{}: expected the ending of one of these languages: {}", file, all_languages()));
+}
+
+}  // namespace kdl_calibration
