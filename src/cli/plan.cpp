@@ -1,5 +1,6 @@
 #include <fmt/core.h>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -24,6 +25,8 @@
 #include "kdl_calibration/measuring_plan.hpp"
 #include "planning/places_plan.hpp"
 #include "planning/planner.hpp"
+#include "programs/measuring_program.hpp"
+#include "programs/program_language.hpp"
 #include "results/saved_calibration.hpp"
 #include "robot/mimic.hpp"
 
@@ -62,6 +65,7 @@ struct PlanArguments {
   std::uint64_t seed = 1;
   int threads = 0;
   std::string output;
+  std::string program;
   std::string report;
   bool force = false;
   bool json = false;
@@ -364,17 +368,38 @@ std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
   return text + fmt::format("travel                  {:.0f} s at full speed, without the stops\n", plan.seconds);
 }
 
+// The language of --program. A FANUC controller counts joints in its own way.
+const ProgramLanguage* program_language_of(const PlanArguments& arguments) {
+  if (arguments.program.empty()) {
+    return nullptr;
+  }
+  const ProgramLanguage& language = language_of_file(arguments.program);
+  if (language.needs_description && arguments.joint_convention.empty()) {
+    throw InputError(
+        fmt::format("--program: {} counts joints in its own way, expected --joint-convention FILE", language.name));
+  }
+  return &language;
+}
+
+std::string program_of(const PlanArguments& arguments, const Setting& setting, const MeasuringPlan& sheet,
+                       const ProgramLanguage& language) {
+  return measuring_program(setting.request.robot, sheet, setting.joint_convention(), language,
+                           std::filesystem::path(arguments.program).stem().string());
+}
+
 ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
   require_no_others(arguments);
-  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}});
+  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--program", arguments.program}});
   require_writable(files, arguments.force);
+  const ProgramLanguage* language = program_language_of(arguments);
   Setting set = setting(arguments);
   require_one_ball(arguments.places, set.request.targets.size());
   Progress choosing("choosing");
   set.request.choosing = [&](double share) { choosing(share); };
   const PlacesPlan plan = plan_at_places(set.request, places);
   for (OutputFile& file : files) {
-    file.text = plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());
+    file.text = file.option == "--program" ? program_of(arguments, set, plan.sheet, *language)
+                                           : plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());
   }
   write_whole(files, arguments.force, arguments.json ? json_text(json(arguments, set, plan)) : table(arguments, plan));
   return done;
@@ -386,8 +411,10 @@ ExitStatus run(const PlanArguments& arguments) {
   if (const Places places = places_of(arguments.places); are_special(places)) {
     return run_at_places(arguments, places);
   }
-  std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--report", arguments.report}});
+  std::vector<OutputFile> files =
+      given_outputs({{"--output", arguments.output}, {"--program", arguments.program}, {"--report", arguments.report}});
   require_writable(files, arguments.force);
+  const ProgramLanguage* language = program_language_of(arguments);
   Setting set = setting(arguments);
   Progress choosing("choosing");
   set.request.choosing = [&](double share) { choosing(share); };
@@ -395,7 +422,8 @@ ExitStatus run(const PlanArguments& arguments) {
   set.request.trying = [&](double share) { trying(share); };
   const Plan result = make_plan(set.request);
   for (OutputFile& file : files) {
-    file.text = file.option == "--output"
+    file.text = file.option == "--program" ? program_of(arguments, set, result.sheet, *language)
+                : file.option == "--output"
                     ? plan_csv(result.sheet, set.request.robot.joints, set.joint_convention())
                     : plan_page(json_of(json(arguments, set, result), "the plan"), set.request, result,
                                 {{"noise", result.experiment.noise.tracker ? "of the tracker"
@@ -477,6 +505,10 @@ Subcommand add_plan(CLI::App& parser) {
   add_seed(*app, arguments->seed);
   add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads; 0: one per core. The plan is the same");
   add_file(*app, "--output", arguments->output, "Write the plan (CSV) that calibrate reads once it is filled in");
+  add_file(
+      *app, "--program", arguments->program,
+      "Write the plan as a robot program that drives slowly and stops at each configuration: .LS, .script, .mod or "
+      ".src; check the way for collisions first");
   add_report_file(*app, arguments->report);
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);

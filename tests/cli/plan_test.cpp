@@ -317,6 +317,19 @@ std::vector<OptionCase> robot_options() {
                     EXPECT_EQ(data_of_page(effect.with.files.at("p.html"))["setup"],
                               Json::parse(R"([["noise", "0.0300 mm of a coordinate, 1 sigma"], ["seed", "1"]])"));
                   })},
+      {"ProgramDrivesToThePlan",
+       {"--program", "p.script"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.out, effect.without.outcome.out);
+         const Json planned = Json::parse(effect.with.outcome.out)["configurations"];
+         const std::string text = effect.with.files.at("p.script");
+         std::size_t found = 0;
+         for (std::size_t at = text.find("movej(["); at != std::string::npos; at = text.find("movej([", at + 1)) {
+           EXPECT_NEAR(std::stod(text.substr(at + 7)), planned[found++]["joints"][0].get<double>(), 1e-6);
+         }
+         EXPECT_EQ(found, 8U);
+       },
+       {"--urdf", "six.urdf"}},
       {"ForceOverwrites", {"--force"}, overwrites("old.csv", "# "), {"--output", "old.csv"}},
       {"JsonReplacesTheTable", {"--json"}, turns_the_table_into_json()},
   };
@@ -331,6 +344,7 @@ const std::map<std::string, std::string>& input_files() {
   static const std::map<std::string, std::string> files = {
       {kArm, arm().urdf},
       {"odd.urdf", kOddArm},
+      {"six.urdf", fanuc().urdf},
       {"arm_dh.json", dh_of(arm())},
       {"foot.urdf", with_foot(arm().urdf)},
       {"old.csv", "old"},
@@ -379,6 +393,7 @@ TEST_F(OptionsOfKdlcal, OfPlanAreAllTested) { expect_a_test_of_every_option("pla
 namespace kdl_calibration::testing::plan_test::commands {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 class PlanCommand : public CommandLine {
@@ -388,10 +403,19 @@ protected:
 
 TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   const std::string convention = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json";
-  const Outcome plan = run(
-      with({"--configurations", "20", "--least-height", "0.2", "--least-radius", "0.7", "--joint-range", "J3=-80:90",
-            "--joint-range", "joint_5=-100:100", "--joint-convention", convention, "--output", "plan.csv"}));
+  const Outcome plan = run(with({"--configurations", "20", "--least-height", "0.2", "--least-radius", "0.7",
+                                 "--joint-range", "J3=-80:90", "--joint-range", "joint_5=-100:100",
+                                 "--joint-convention", convention, "--output", "plan.csv", "--program", "plan.LS"}));
   ASSERT_EQ(plan.status, 0) << plan.err;
+  // The program and the table state the same joint values, of the pendant.
+  const std::string of_program = text_of("plan.LS");
+  std::istringstream rows(text_of("plan.csv"));
+  for (std::string row; std::getline(rows, row);) {
+    if (row.rfind("1,A,", 0) == 0) {
+      EXPECT_NEAR(std::stod(of_program.substr(of_program.find("J1=") + 3)), std::stod(row.substr(4)), 6e-4);
+    }
+  }
+  EXPECT_THAT(of_program, AllOf(HasSubstr("/PROG  PLAN\n"), HasSubstr("J P[20] 10% FINE"), HasSubstr("P[20]{")));
   EXPECT_THAT(plan.out, HasSubstr(" exchanges"));
   EXPECT_THAT(plan.out, HasSubstr("range of J3 removes "));
   EXPECT_THAT(plan.out, HasSubstr("lower bound for any plan"));
@@ -432,6 +456,8 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   expect_refused(with({"--noise-tracker", "1e-5,0,3e-5,8e-6"}), {"--noise-tracker", "--tracker x,y,z"});
   expect_refused(with({"--criterion", "A"}), {"--criterion", "D, G, I"});
   expect_refused(with({"--home", "1,2"}), {"--home", "6 joint values"});
+  expect_refused(with({"--program", "p.LS"}), {"--program", "FANUC LS", "--joint-convention"});
+  expect_refused(with({"--program", "p.txt"}), {"p.txt", "FANUC LS (.LS)"});
   for (const Words& more : {Words{"--accuracy", "0.1"}, Words{"--criterion", "G"}, Words{"--effects", "gravity"},
                             Words{"--report", "p.html"}, Words{"--monte-carlo", "2"}}) {
     expect_refused(with(Words{"--stations", "2"} + more), {more.front(), "whole points from one station"});
