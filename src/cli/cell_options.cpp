@@ -8,6 +8,7 @@
 
 #include "base/degree.hpp"
 #include "base/number_range.hpp"
+#include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
@@ -49,6 +50,25 @@ std::pair<double, double> bounds(const std::string& option, const std::string& t
     refuse(option, text, expected);
   }
   return result;
+}
+
+// The frame with its axes exactly along those of the base.
+Eigen::Isometry3d with_right_angles(const Eigen::Isometry3d& X_BW) {
+  constexpr double kTurned = 1e-6;  // [rad]
+  Eigen::Isometry3d result = X_BW;
+  result.linear() = X_BW.linear().array().round().matrix();
+  if ((result.linear() - X_BW.linear()).cwiseAbs().maxCoeff() > kTurned || result.linear()(2, 2) < 0.5) {
+    throw InputError(
+        "--frame: the controller's world is turned against the base by more than right angles about z, and boxes would "
+        "be too, expected --frame base");
+  }
+  return result;
+}
+
+Box moved(const Eigen::Isometry3d& X_BW, const Box& box) {
+  const Eigen::Vector3d a = X_BW * box.lower;
+  const Eigen::Vector3d b = X_BW * box.upper;
+  return {.lower = a.cwiseMin(b), .upper = a.cwiseMax(b)};
 }
 
 Box box(const std::string& option, const std::string& text) {
@@ -175,9 +195,9 @@ void add_joint_range(const Robot& robot, const std::vector<Named>& known, const 
   }
 }
 
-Tracker tracker(const CellArguments& arguments) {
-  const std::vector<double> p = numbers("--tracker", arguments.tracker, 3, "x,y,z in metres in the base frame");
-  Tracker result{.position = {p[0], p[1], p[2]}};
+Tracker tracker(const CellArguments& arguments, const Eigen::Isometry3d& X_BW) {
+  const std::vector<double> p = numbers("--tracker", arguments.tracker, 3, "x,y,z in metres");
+  Tracker result{.position = X_BW * Eigen::Vector3d(p[0], p[1], p[2])};
   if (!arguments.distance_range.empty()) {
     const auto [least, greatest] = bounds("--distance-range", arguments.distance_range, "least:greatest in metres");
     result.least_distance = std::max(0.0, least);
@@ -224,24 +244,28 @@ void add_cell_options(CLI::App& app, CellArguments& arguments) {
   const auto length = [&](const std::string& name, auto& value, const std::string& help) {
     return app.add_option(name, value, help)->type_name("M")->check(number_from(0.0, "a length in metres"));
   };
+  add_word(app, "--frame", arguments.frame, {"base", "world"},
+           "Where boxes, spheres, heights and the tracker are stated: base link of the URDF, or the controller's world "
+           "[world with --joint-convention, else base]");
   repeated("--joint-range", arguments.joint_ranges,
            "Range of a joint or of a sum of joints in deg (mm), NAME=lower:upper; more than once [the limits]")
       ->type_name("RANGE");
-  app.add_option("--box", arguments.box, "Targets stay in xmin,ymin,zmin,xmax,ymax,zmax (m, base frame)")
+  app.add_option("--box", arguments.box, "Targets stay in xmin,ymin,zmin,xmax,ymax,zmax (m, --frame)")
       ->type_name("BOX");
-  app.add_option("--least-height", arguments.least_height, "Least z of the targets")
+  app.add_option("--least-height", arguments.least_height, "Least z of the targets (m, --frame)")
       ->type_name("M")
       ->check(number_between(-1e6, kLargestNumber, "metres from -1e6 to 1e12"));
   length("--least-radius", arguments.least_radius, "Least distance of the targets from the first joint's axis");
-  repeated("--keep-out-sphere", arguments.out_spheres, "Arm and targets keep out of x,y,z,radius (m); more than once")
+  repeated("--keep-out-sphere", arguments.out_spheres,
+           "Arm and targets keep out of x,y,z,radius (m, --frame); more than once")
       ->type_name("SPHERE");
   repeated("--keep-out-box", arguments.out_boxes,
-           "Arm and targets keep out of xmin,ymin,zmin,xmax,ymax,zmax (m); more than once")
+           "Arm and targets keep out of xmin,ymin,zmin,xmax,ymax,zmax (m, --frame); more than once")
       ->type_name("BOX");
   length("--clearance", arguments.clearance, "Least distance between parts of the arm and the tool");
   length("--arm-radius", arguments.arm_radius, "The arm is this thick [the shapes in the URDF]");
   length("--tool-radius", arguments.tool_radius, "What carries the targets is this thick")->capture_default_str();
-  app.add_option("--tracker", arguments.tracker, "The tracker stands at x,y,z (m, base frame) and sees every target")
+  app.add_option("--tracker", arguments.tracker, "The tracker stands at x,y,z (m, --frame) and sees every target")
       ->type_name("x,y,z");
   app.add_option("--distance-range", arguments.distance_range, "Distance of the targets from it, least:greatest in m")
       ->type_name("RANGE");
@@ -294,8 +318,9 @@ FacingTargets facing_targets_of(const Json& json, const std::string& source) {
 FacingTargets read_facing_targets(const std::string& file) { return facing_targets_of(read_json(file), file); }
 
 Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
-          const JointConvention* convention) {
+          const JointConvention* convention, const Eigen::Isometry3d& X_BW) {
   require_tracker(arguments);
+  const Eigen::Isometry3d frame = with_right_angles(X_BW);
   Cell cell;
   cell.ranges = limits_of(model.joints);
   const std::vector<Named> known = named_values(robot, convention);
@@ -303,9 +328,11 @@ Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& 
     add_joint_range(robot, known, text, cell);
   }
   if (!arguments.box.empty()) {
-    cell.box = box("--box", arguments.box);
+    cell.box = moved(frame, box("--box", arguments.box));
   }
-  cell.height = arguments.least_height;
+  if (arguments.least_height) {
+    cell.height = *arguments.least_height + frame.translation().z();
+  }
   cell.radius = arguments.least_radius;
   for (const std::string& text : arguments.out_spheres) {
     const std::string expected = "x,y,z,radius in metres, the radius 0 or more";
@@ -313,18 +340,51 @@ Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& 
     if (v[3] < 0.0) {
       refuse("--keep-out-sphere", text, expected);
     }
-    cell.out_spheres.push_back({.center = {v[0], v[1], v[2]}, .radius = v[3]});
+    cell.out_spheres.push_back({.center = frame * Eigen::Vector3d(v[0], v[1], v[2]), .radius = v[3]});
   }
   for (const std::string& text : arguments.out_boxes) {
-    cell.out_boxes.push_back(box("--keep-out-box", text));
+    cell.out_boxes.push_back(moved(frame, box("--keep-out-box", text)));
   }
   cell.body = body(arguments, robot, targets.targets);
   cell.clearance = arguments.clearance;
   if (!arguments.tracker.empty()) {
-    cell.tracker = tracker(arguments);
+    cell.tracker = tracker(arguments, frame);
   }
   cell.facing = targets.facing;
   return cell;
+}
+
+bool has_places(const CellArguments& arguments) {
+  return !arguments.box.empty() || arguments.least_height || !arguments.out_spheres.empty() ||
+         !arguments.out_boxes.empty() || !arguments.tracker.empty();
+}
+
+std::string places_text(const CellArguments& arguments, const Cell& cell, const std::string& base,
+                        const Eigen::Isometry3d& X_BW) {
+  if (!has_places(arguments)) {
+    return {};
+  }
+  std::string text = "places are stated in    " + base + "\n";
+  if (!X_BW.isApprox(Eigen::Isometry3d::Identity())) {
+    const Eigen::Vector3d origin = X_BW.translation();
+    const Eigen::Vector3d x = X_BW.linear().col(0);
+    text = fmt::format(
+        "places are stated in    the controller's world: its origin at {}, {}, {} m in {}, its x along {}{} there\n",
+        fixed(origin.x(), 3), fixed(origin.y(), 3), fixed(origin.z(), 3), base, x.sum() < 0.0 ? "-" : "",
+        std::abs(x.x()) > 0.5 ? "x" : "y");
+  }
+  const auto add = [&](const std::string& name, const Box& box) {
+    text += fmt::format("{:<24}in {}: x {} to {}, y {} to {}, z {} to {} m\n", name, base, fixed(box.lower.x(), 3),
+                        fixed(box.upper.x(), 3), fixed(box.lower.y(), 3), fixed(box.upper.y(), 3),
+                        fixed(box.lower.z(), 3), fixed(box.upper.z(), 3));
+  };
+  if (!arguments.box.empty()) {
+    add("box of the targets", cell.box);
+  }
+  for (std::size_t i = 0; i < cell.out_boxes.size(); ++i) {
+    add(fmt::format("keep-out box {}", i + 1), cell.out_boxes[i]);
+  }
+  return text;
 }
 
 }  // namespace kdl_calibration::cli

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <CLI/App.hpp>
+#include <Eigen/Geometry>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,9 +13,11 @@
 
 namespace kdl_calibration::cli {
 
-/// Options of the cell: --joint-range, --box, --least-height, --least-radius, --keep-out-sphere, --keep-out-box,
+/// Options of the cell: --frame, --joint-range, --box, --least-height, --least-radius, --keep-out-sphere,
+/// --keep-out-box,
 /// --clearance, --arm-radius, --tool-radius, --tracker, --distance-range, --acceptance-angle
 struct CellArguments {
+  std::string frame;  ///< base or world, in which the others are stated; empty: world with a joint convention
   std::vector<std::string> joint_ranges;
   std::string box;
   std::optional<double> least_height;
@@ -39,9 +42,18 @@ struct FacingTargets {
 FacingTargets facing_targets_of(const Json& json, const std::string& source);
 FacingTargets read_facing_targets(const std::string& file);
 
-/// The cell. Warns of links without a shape if a constraint needs shapes.
+/// The cell in the base frame. Warns of links without a shape if a constraint needs shapes. `X_BW`: the frame in which
+/// places are stated. Throws InputError if it is turned against the base by other than right angles: boxes would be
+/// too.
 Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
-          const JointConvention* convention);
+          const JointConvention* convention, const Eigen::Isometry3d& X_BW = Eigen::Isometry3d::Identity());
+
+/// Whether boxes, spheres, a height or a tracker are stated.
+bool has_places(const CellArguments& arguments);
+
+/// The frame in which they are stated, and the boxes in the base frame: lines of text, empty for a cell without places.
+std::string places_text(const CellArguments& arguments, const Cell& cell, const std::string& base,
+                        const Eigen::Isometry3d& X_BW);
 
 /// Parses "1,2,3" as `count` numbers.
 std::vector<double> numbers(const std::string& option, const std::string& text, std::size_t count,

@@ -16,10 +16,10 @@
 #include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "cli/compensation_summary.hpp"
-#include "cli/data_dir.hpp"
 #include "cli/frames.hpp"
 #include "cli/output_files.hpp"
 #include "cli/report_pages.hpp"
+#include "cli/robot_controller.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/result_file.hpp"
@@ -57,11 +57,11 @@ Controller described_controller(const ProgramArguments& arguments, const Robot& 
   if (!language.needs_description) {
     return controller_of_links(robot);
   }
-  const Robot bundled = load({});
-  if (robot.urdf != bundled.urdf || robot.base != bundled.base || robot.tip != bundled.tip) {
+  const std::optional<Controller> bundled = bundled_controller(robot);
+  if (!bundled) {
     throw InputError(robot.source + " is not the R-2000iC/165F that comes with kdlcal, expected --controller");
   }
-  return read_controller(urdf_dir() / "fanuc_r2000ic_165f_controller.json");
+  return *bundled;
 }
 
 Controller controller_of(const ProgramArguments& arguments, const Robot& robot, const ProgramLanguage& language) {

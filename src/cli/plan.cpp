@@ -15,6 +15,7 @@
 #include "cli/output_files.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
+#include "cli/robot_controller.hpp"
 #include "cli/simulated_places.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
@@ -74,6 +75,7 @@ struct PlanArguments {
 // The planning request and the joint convention.
 struct Setting {
   std::optional<JointConvention> convention;
+  Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();  // where the cell is stated
   PlanRequest request;
 
   const JointConvention* joint_convention() const { return convention ? &*convention : nullptr; }
@@ -148,7 +150,10 @@ Setting setting(const PlanArguments& arguments) {
   }
   const FacingTargets facing = targets(arguments, model, request);
   request.targets = facing.targets;
-  request.cell = cell(arguments.cell, request.robot, model, facing, convention);
+  if (arguments.cell.frame.empty() ? convention != nullptr : arguments.cell.frame == "world") {
+    result.X_BW = controller_of_robot(request.robot).X_BW;
+  }
+  request.cell = cell(arguments.cell, request.robot, model, facing, convention, result.X_BW);
   request.noise = noise(arguments, request.cell);
   request.priors = arguments.priors;
   request.effects = effect_groups(arguments.effects, {"none"});
@@ -225,6 +230,9 @@ std::string json(const PlanArguments& arguments, const Setting& setting, const P
         {"floor", plan.floor ? Json(*plan.floor) : Json(nullptr)}}},
       {"travel_seconds", plan.seconds},
       {"configurations", configurations}};
+  if (has_places(arguments.cell)) {
+    result["frame"] = frame_json(setting.X_BW);
+  }
   if (plan.monte_carlo) {
     result["monte_carlo"] = monte_carlo_summary(*plan.monte_carlo);
   }
@@ -239,7 +247,7 @@ std::string line(const std::string& label, const Prediction& prediction, double 
   return text + "\n";
 }
 
-std::string table(const PlanArguments& arguments, const Plan& plan) {
+std::string table(const PlanArguments& arguments, const Setting& setting, const Plan& plan) {
   const ObservabilityIndices& o = plan.observability;
   const std::size_t effects = plan.experiment.model.effects.size();
   std::string text = fmt::format(
@@ -253,7 +261,8 @@ std::string table(const PlanArguments& arguments, const Plan& plan) {
   for (const Refusals& entry : plan.drawn.refusals) {
     text += fmt::format("; {} removes {}", entry.constraint, entry.samples);
   }
-  text += "\npredicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
+  text += "\n" + places_text(arguments.cell, setting.request.cell, setting.request.robot.base, setting.X_BW);
+  text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
   text += line("  this plan", plan.planned, plan.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   if (plan.floor) {
@@ -346,7 +355,7 @@ Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPl
           {"configurations", configurations}};
 }
 
-std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
+std::string table(const PlanArguments& arguments, const Setting& setting, const PlacesPlan& plan) {
   const std::vector<std::string>& stations = plan.rows.measurements.stations;
   std::string text = fmt::format(
       "{} configurations shared evenly by {} {}, the best of {} draws of stations; {} parameters of the arm, noise {} "
@@ -356,6 +365,7 @@ std::string table(const PlanArguments& arguments, const PlacesPlan& plan) {
   text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
   text += line("  this plan", plan.planned, plan.planned.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
+  text += places_text(arguments.cell, setting.request.cell, setting.request.robot.base, setting.X_BW);
   text += "station     in the base frame: x y z [m], angle times axis [deg]\n";
   for (std::size_t s = 0; s < stations.size(); ++s) {
     const Eigen::Isometry3d X_BW = plan.rows.robot.truth.frames.base(s).inverse();
@@ -401,7 +411,8 @@ ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
     file.text = file.option == "--program" ? program_of(arguments, set, plan.sheet, *language)
                                            : plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());
   }
-  write_whole(files, arguments.force, arguments.json ? json_text(json(arguments, set, plan)) : table(arguments, plan));
+  write_whole(files, arguments.force,
+              arguments.json ? json_text(json(arguments, set, plan)) : table(arguments, set, plan));
   return done;
 }
 
@@ -432,7 +443,7 @@ ExitStatus run(const PlanArguments& arguments) {
                                  {"seed", std::to_string(arguments.seed)}},
                                 set.joint_convention());
   }
-  write_whole(files, arguments.force, arguments.json ? json(arguments, set, result) : table(arguments, result));
+  write_whole(files, arguments.force, arguments.json ? json(arguments, set, result) : table(arguments, set, result));
   return done;
 }
 

@@ -116,6 +116,33 @@ TEST(CellOptions, JointRangesAreOfTheControllersJointsBehindAConvention) {
   }
 }
 
+TEST(CellOptions, PlacesAreTurnedIntoTheBase) {
+  Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();
+  X_BW.linear() << 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0;  // x along the base's y
+  X_BW.translation() = Vector3d(0.1, 0.2, 0.7);
+  const Robot robot = parse_robot(kOddArm);
+  const auto in_world = [&](const Eigen::Isometry3d& frame) {
+    return cli::cell({.box = "1,2,3,4,5,6",
+                      .least_height = 0.5,
+                      .out_spheres = {"1,2,3,0.5"},
+                      .out_boxes = {"-1,-2,-3,1,2,4"},
+                      .arm_radius = 0.1,
+                      .tracker = "3,1,0"},
+                     robot, complete_model(robot), {}, nullptr, frame);
+  };
+  const Cell cell = in_world(X_BW);
+  EXPECT_EQ(cell.box.lower, Vector3d(0.1 - 5.0, 0.2 + 1.0, 0.7 + 3.0));
+  EXPECT_EQ(cell.box.upper, Vector3d(0.1 - 2.0, 0.2 + 4.0, 0.7 + 6.0));
+  EXPECT_EQ(cell.out_boxes.at(0).lower, Vector3d(0.1 - 2.0, 0.2 - 1.0, 0.7 - 3.0));
+  EXPECT_EQ(cell.out_boxes.at(0).upper, Vector3d(0.1 + 2.0, 0.2 + 1.0, 0.7 + 4.0));
+  EXPECT_EQ(cell.out_spheres.at(0).center, Vector3d(0.1 - 2.0, 0.2 + 1.0, 0.7 + 3.0));
+  EXPECT_EQ(cell.tracker->position, Vector3d(0.1 - 1.0, 0.2 + 3.0, 0.7));
+  EXPECT_DOUBLE_EQ(*cell.height, 1.2);
+  EXPECT_REFUSED("--frame: the controller's world is turned against the base by more than right angles",
+                 in_world(X_BW * Eigen::AngleAxisd(0.1, Vector3d::UnitZ())));
+  EXPECT_REFUSED("--frame", in_world(X_BW * Eigen::AngleAxisd(kDegree * 90.0, Vector3d::UnitX())));
+}
+
 TEST(CellOptions, AFollowersRangeIsThatOfItsLeader) {
   const Robot robot =
       parse_robot(urdf::with_mimic(kOddArm, "wrist", R"(joint="elbow" multiplier="-0.5" offset="0.1")"));
@@ -277,7 +304,7 @@ TEST(CellOptions, ListsOfNumbersHaveAsManyAsAreExpected) {
         "--keep-out-sphere: '" + text + "' is out of place, expected x,y,z,radius in metres, the radius 0 or more");
   }
   EXPECT_EQ(refusal([&] { cell_of({.arm_radius = 0.1, .tracker = "1,2"}, robot); }),
-            "--tracker: '1,2' is out of place, expected x,y,z in metres in the base frame");
+            "--tracker: '1,2' is out of place, expected x,y,z in metres");
   EXPECT_EQ(refusal([&] { cell_of({.arm_radius = 0.1, .tracker = "1,2,3", .distance_range = "5:1"}, robot); }),
             "--distance-range: '5:1' is out of place, expected least:greatest in metres");
 }

@@ -240,6 +240,16 @@ std::vector<OptionCase> cell_options() {
        {"--joint-range", "slide=-100:250"},
        stays(Eigen::RowVectorXd::Unit(5, 1), -0.1, 0.25),
        {"--urdf", "odd.urdf"}},
+      {"FrameIsTheControllersWorld",
+       {"--frame", "world"},
+       [](const Effect& effect) {
+         // It stands 0.67 m above the base, with x along the base's y.
+         const Json with = Json::parse(effect.with.outcome.out)["frame"];
+         EXPECT_EQ(with["position"], Json::parse("[0.0, 0.0, 0.67]"));
+         EXPECT_NEAR(with["quaternion_wxyz"][3].get<double>(), std::sqrt(0.5), 1e-12);
+         EXPECT_EQ(Json::parse(effect.without.outcome.out)["frame"]["position"], Json::parse("[0.0, 0.0, 0.0]"));
+       },
+       {"--urdf", "six.urdf", "--keep-out-box", "1.8,-5,-1,5,5,5", "--arm-radius", "0.1"}},
       {"BoxHoldsTheTargets", {"--box", "-2.5,-2,0.1,2,2.5,3"}, refuses_more("workspace box")},
       {"LeastHeightIsOfTheTargets", {"--least-height", "0.4"}, refuses_more("least height 400 mm")},
       {"LeastRadiusIsFromTheFirstAxis", {"--least-radius", "1.2"}, refuses_more("least radius 1200 mm")},
@@ -440,6 +450,31 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   ASSERT_EQ(added["configurations"].size(), 5U);
   EXPECT_TRUE(added["sigma"]["floor"].is_null());
   EXPECT_EQ(added["configurations"][0]["configuration"], "41");
+}
+
+// A wall in front of the robot: x of the pendant, y of the URDF.
+TEST_F(PlanCommand, KeepsOutOfTheWallThatThePendantsFrameStates) {
+  const std::string convention = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json";
+  const Words wall = with({"--configurations", "12", "--arm-radius", "0.15", "--keep-out-box", "1.2,-5,-2,5,5,5"});
+  const auto most_in_front = [&](const Words& words) {
+    const Json plan = run_json(words + Words{"--json"});
+    double most = 0.0;
+    for (const Json& configuration : plan["configurations"]) {
+      const std::vector<double> q = configuration["joints"].get<std::vector<double>>();
+      const KDL::Frame flange = kdl_pose(fanuc().chain, Eigen::Map<const Eigen::VectorXd>(q.data(), 6));
+      most = std::max(most, flange.p.y());
+    }
+    return most;
+  };
+  EXPECT_LT(most_in_front(wall + Words{"--joint-convention", convention}), 1.2);
+  EXPECT_LT(most_in_front(wall + Words{"--frame", "world"}), 1.2);
+  EXPECT_GT(most_in_front(wall + Words{"--joint-convention", convention, "--frame", "base"}), 1.2);
+  EXPECT_GT(most_in_front(wall), 1.2);
+  const std::string text = run(wall + Words{"--frame", "world"}).out;
+  EXPECT_THAT(text, HasSubstr("the controller's world: its origin at 0.000, 0.000, 0.670 m in base_link, its x along "
+                              "y there\n"));
+  EXPECT_THAT(text, HasSubstr("keep-out box 1          in base_link: x -5.000 to 5.000, y 1.200 to 5.000, z -1.330 to "
+                              "5.670 m"));
 }
 
 TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
