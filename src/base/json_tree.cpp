@@ -1,6 +1,7 @@
 #include "base/json_tree.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "base/json_reading.hpp"
@@ -82,27 +83,111 @@ void turn_numbers_into_doubles(nlohmann::json& value) {
   }
 }
 
+std::string hash_of(nlohmann::json value) {  // this type sorts the keys
+  turn_numbers_into_doubles(value);
+  return sha256(value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
 void require_unchanged(const Json& json, const std::string& source) {
-  const Node top{.json = json, .where = source};
-  if (!has(top, "hashes")) {
-    const bool is_result = has(top, "parameters") && has(top, "software") && has(member(top, "software"), "version");
-    if (is_result && json["software"]["version"] != "0.1.0") {  // version 0.1.0 wrote no hashes
-      throw InputError(source + ": the key \"hashes\" is missing, expected the file as calibrate wrote it");
-    }
-    return;
-  }
   const Json& written = json["hashes"];
   if (!written.is_object()) {
-    fail(member(top, "hashes"), "an object");
+    fail({.json = written, .where = source + ": hashes"}, "an object");
   }
   const Json found = hashes(json);
+  const auto require_same = [&](const std::string& key) {
+    if (found.value(key, Json()) != written.value(key, Json())) {
+      throw InputError(source + ": " + key + ": was changed after calibrate wrote the file, expected the original " +
+                       "(only provenance may be edited)");
+    }
+  };
   for (const Json* keys : {&written, &found}) {
     for (const auto& entry : keys->items()) {
-      const std::string& key = entry.key();
-      if (found.value(key, Json()) != written.value(key, Json())) {
-        throw InputError(source + ": " + key + ": was changed after calibrate wrote the file, expected the original " +
-                         "(only provenance may be edited)");
+      if (entry.key() != "hashes") {
+        require_same(entry.key());
       }
+    }
+  }
+  require_same("hashes");  // last, as it changes with every other
+}
+
+// The members of a result of version 0.1.0, which wrote no hashes.
+constexpr std::array kMembersOfFirstVersion = {"software",
+                                               "input",
+                                               "termination",
+                                               "message",
+                                               "trusted",
+                                               "doubts",
+                                               "iterations",
+                                               "history",
+                                               "rank",
+                                               "condition",
+                                               "reservation",
+                                               "parameters",
+                                               "effects",
+                                               "model",
+                                               "base",
+                                               "targets",
+                                               "position_error",
+                                               "exported_urdf",
+                                               "noise",
+                                               "convergence_factor",
+                                               "priors",
+                                               "tried",
+                                               "not_tried",
+                                               "observability",
+                                               "singular_values",
+                                               "tied",
+                                               "fixed_by_gauge",
+                                               "minimum_norm",
+                                               "weak",
+                                               "findings",
+                                               "iso_9283",
+                                               "lack_of_fit",
+                                               "influence",
+                                               "weights",
+                                               "predicted_accuracy",
+                                               "covariance",
+                                               "residuals",
+                                               "warnings",
+                                               "provenance",
+                                               "held_out_points",
+                                               "requirements",
+                                               "difference_to_kdl"};
+
+bool is_result(const Node& top) {
+  const auto states = [&](const char* key) { return has(top, key); };
+  return has(top, "parameters") && (states("trusted") || states("doubts") || states("reservation") ||
+                                    (states("software") && has(member(top, "software"), "version")));
+}
+
+// Others than results need no hashes, such as a truth. Of a result, only one of version 0.1.0 may lack them. Such a
+// file could be edited without a trace, so that it is read but never trusted. Members of later versions show that the
+// version was edited.
+void accept_without_hashes(Json& json, const std::string& source) {
+  const Node top{.json = json, .where = source};
+  if (!is_result(top)) {
+    return;
+  }
+  const bool has_version = has(top, "software") && has(member(top, "software"), "version");
+  if (!has_version || json["software"]["version"] != "0.1.0") {
+    throw InputError(source + ": the key \"hashes\" is missing, expected the file as calibrate wrote it");
+  }
+  for (const auto& entry : json.items()) {
+    if (std::find(kMembersOfFirstVersion.begin(), kMembersOfFirstVersion.end(), entry.key()) ==
+        kMembersOfFirstVersion.end()) {
+      throw InputError(source + ": " + entry.key() +
+                       ": was not written by version 0.1.0, expected the file as calibrate wrote it");
+    }
+  }
+  if (json.value("trusted", Json()) == true) {
+    if (has(top, "doubts") && !json["doubts"].empty()) {
+      fail(member(top, "trusted"), "false, as there are doubts");
+    }
+    json["trusted"] = false;
+    Json& warnings = json["warnings"];
+    if (warnings.is_null() || warnings.is_array()) {
+      warnings.push_back(
+          "version 0.1.0 wrote no hashes, so nothing shows whether the file was edited; calibrate again");
     }
   }
 }
@@ -113,17 +198,20 @@ Json hashes(const Json& object) {
   Json result = Json::object();
   for (const auto& entry : object.items()) {
     if (entry.key() != "hashes" && entry.key() != "provenance") {
-      nlohmann::json value = entry.value();  // this type sorts the keys
-      turn_numbers_into_doubles(value);
-      result[entry.key()] = sha256(value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+      result[entry.key()] = hash_of(entry.value());
     }
   }
+  result["hashes"] = hash_of(result);
   return result;
 }
 
 Json parsed(std::string_view text, const std::string& source) {
   Json json = parse_json<Json>(text, source, [](int, Json::parse_event_t, const Json&) {});
-  require_unchanged(json, source);
+  if (json.is_object() && json.contains("hashes")) {
+    require_unchanged(json, source);
+  } else {
+    accept_without_hashes(json, source);
+  }
   return json;
 }
 

@@ -48,12 +48,14 @@ Eigen::Quaterniond quaternion(const Node& node);
 /// {"position", "quaternion_wxyz"}
 Eigen::Isometry3d pose(const Node& node);
 
-/// SHA-256 of each member's value, except `provenance`, which users may edit, and `hashes`. It depends on values only,
-/// as editors and jq may print them differently, such as 1 for 1.0.
+/// SHA-256 of each member's value, except `provenance`, which users may edit, and `hashes`. That name stands for the
+/// SHA-256 of this list, so that no member is added or removed. It depends on values only, as editors and jq may print
+/// them differently, such as 1 for 1.0.
 Json hashes(const Json& object);
 
-/// JSON text; `source` names it in messages. Throws InputError with the line if it is not JSON, and with the member if
-/// its hash differs from that in `hashes`.
+/// JSON text; `source` names it in messages. Throws InputError with the line if it is not JSON, with the member if its
+/// hash differs from that in `hashes`, and for a result without hashes unless version 0.1.0 wrote it. Such a result
+/// is given as not trusted.
 Json parsed(std::string_view text, const std::string& source);
 
 }  // namespace kdl_calibration::tree

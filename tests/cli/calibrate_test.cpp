@@ -673,9 +673,14 @@ TEST_F(CalibrateResult, SaysWhatBecameOfEveryRequirement) {
   EXPECT_EQ(judged["requirements"][1]["fulfilled"], true);
   EXPECT_EQ(judged["trusted"], true) << "which nothing was required of";
   ASSERT_EQ(run(calibrate({"--result", "plain.json"})).status, 0);
+  Json plain = json_of("plain.json");
   judged.erase("requirements");
   EXPECT_EQ(judged["hashes"].erase("requirements"), 1U);
-  EXPECT_EQ(judged, json_of("plain.json"));
+  EXPECT_NE(judged["hashes"]["hashes"], plain["hashes"]["hashes"]) << "that of the list itself";
+  for (Json* each : {&judged, &plain}) {
+    (*each)["hashes"].erase("hashes");
+  }
+  EXPECT_EQ(judged, plain);
 }
 
 Json with_cause(const Json& found, Cause cause) {

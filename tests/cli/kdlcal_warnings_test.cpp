@@ -4,6 +4,7 @@
 #include <functional>
 #include <numbers>
 
+#include "base/json_tree.hpp"
 #include "cli_options_support.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "planning/simulation.hpp"
@@ -293,7 +294,10 @@ TEST_F(CommandLineWarnings, AResultThatIsNotToBeTrustedIsDoubtedWhereItIsUsed) {
         Arguments{"jacobian", "--joints", "0,0,0,0,0,0", "--result", "r.json"},
         words_of("plan --result r.json --configurations 15 --workspace 20 --starts 1 --candidates 60")}) {
     const auto result = [&](const std::string& judgement) {
-      write("r.json", R"({"parameters": [{"name": "dq2", "error": 0.002}])" + judgement + "}");
+      nlohmann::ordered_json json =
+          nlohmann::ordered_json::parse(R"({"parameters": [{"name": "dq2", "error": 0.002}])" + judgement + "}");
+      json["hashes"] = tree::hashes(json);
+      write("r.json", json.dump());
       return run(command).err;
     };
     const std::string doubts =

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <random>
 
+#include "base/json_tree.hpp"
 #include "base/thinned.hpp"
 #include "calibration/calibrate.hpp"
 #include "calibration/calibration_settings.hpp"
@@ -175,7 +176,11 @@ TEST(ReportPage, RefusesWhatIsNoResult) {
   for (const char* wrong : {"[]", "no JSON"}) {
     EXPECT_THROW(page_of(wrong), InputError) << wrong;
   }
-  const auto said = [](const char* json) { return testing::refusal([&] { page_of(json); }); };
+  const auto said = [](const char* text) {
+    Json json = Json::parse(text);
+    json["hashes"] = tree::hashes(json);
+    return testing::refusal([&] { page_of(json.dump()); });
+  };
   EXPECT_THAT(said("{}"), HasSubstr("r.json: has no 'trusted', expected a result that calibrate wrote"));
   EXPECT_THAT(said(R"({"trusted": 1})"), HasSubstr("has no 'parameters'"));
   EXPECT_THAT(said(R"({"trusted": 1, "parameters": []})"), HasSubstr("has no 'position_error'"));
@@ -189,6 +194,7 @@ Json page_data(Json result) {
     result[key] = Json::object();
   }
   result["trusted"] = true;
+  result["hashes"] = tree::hashes(result);
   return data_of_page(page_of(result.dump()));
 }
 

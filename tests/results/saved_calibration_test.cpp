@@ -74,18 +74,27 @@ std::string refusal(const std::string& json, const Robot& robot) {
   return testing::refusal([&] { parse_calibration(json, robot, "r.json"); });
 }
 
-/// The result with a change, for which it has no hashes or those it was written with.
+/// The result with a change, and the hashes it was written with, new ones as a program could write, or none.
 using Edit = std::function<void(Json&)>;
 std::string edited(const Edit& edit) {
   Json json = Json::parse(written().json);
   edit(json);
   return json.dump();
 }
-std::string edited_without_hashes(const Edit& edit) {
+std::string edited_and_hashed(const Edit& edit) {
+  return edited([&](Json& json) {
+    edit(json);
+    json["hashes"] = tree::hashes(json);
+  });
+}
+/// The members that version 0.1.0 wrote, with a change.
+std::string of_first_version(const Edit& edit) {
   return edited([&](Json& json) {
     json["software"]["version"] = "0.1.0";
+    for (const char* later : {"hashes", "remarks", "detectable", "assumed", "undetermined"}) {
+      json.erase(later);
+    }
     edit(json);
-    json.erase("hashes");
   });
 }
 
@@ -145,9 +154,8 @@ TEST(SavedCalibration, KeepsDoubtsAndWhatIsNotDetermined) {
 }
 
 TEST(SavedCalibration, OfAnEarlierVersionStatesNoCausesOfItsWarnings) {
-  const std::string earlier = edited_without_hashes([](Json& r) {
+  const std::string earlier = of_first_version([](Json& r) {
     r["warnings"] = Json::array({"one"});
-    r.erase("remarks");
     r["trusted"] = false;
     r["doubts"] = Json::array({Json{{"cause", "drift"}, {"message", "b"}}});
   });
@@ -159,7 +167,7 @@ TEST(SavedCalibration, OfAnEarlierVersionStatesNoCausesOfItsWarnings) {
 
 TEST(SavedCalibration, WithRemarksOrFiguresThatNobodyWritesIsRefused) {
   const auto fault = [](const Json& remark) {
-    return refusal(edited_without_hashes([&](Json& r) {
+    return refusal(edited_and_hashed([&](Json& r) {
                      r["warnings"] = Json::array({"one"});
                      r["remarks"] = Json::array({remark});
                    }),
@@ -177,7 +185,7 @@ TEST(SavedCalibration, WithRemarksOrFiguresThatNobodyWritesIsRefused) {
             "r.json: remarks[0]: subjects[0]: kind: expected a kind of subject that calibrate writes");
   EXPECT_EQ(with("figures", Json::object({{"misfit", "large"}})),
             "r.json: remarks[0]: figures: misfit: expected a number or null");
-  EXPECT_EQ(refusal(edited_without_hashes([&](Json& r) {
+  EXPECT_EQ(refusal(edited_and_hashed([&](Json& r) {
                       r["warnings"] = Json::array({"one", "two"});
                       r["remarks"] = Json::array({sound});
                     }),
@@ -233,7 +241,7 @@ void to_triangle(Json& covariance) {
 
 TEST(SavedCalibration, WithACovarianceThatFitsNothingIsRefused) {
   const auto spoilt = [](const Edit& spoil) {
-    return refusal(edited_without_hashes([&](Json& json) { spoil(json["covariance"]); }), written().robot);
+    return refusal(edited_and_hashed([&](Json& json) { spoil(json["covariance"]); }), written().robot);
   };
   EXPECT_THAT(spoilt([](Json& c) { std::swap(c["names"][0], c["names"][1]); }), HasSubstr("names: expected"));
   EXPECT_THAT(spoilt([](Json& c) { c["matrix"].erase(0); }), HasSubstr("a row for each name"));
@@ -249,10 +257,10 @@ TEST(SavedCalibration, WithACovarianceThatFitsNothingIsRefused) {
 }
 
 TEST(SavedCalibration, OfAnEarlierVersionHoldsTheSameCovarianceAsATriangle) {
-  const std::string earlier = edited_without_hashes([](Json& json) { to_triangle(json["covariance"]); });
+  const std::string earlier = of_first_version([](Json& json) { to_triangle(json["covariance"]); });
   const Eigen::MatrixXd covariance = parse_calibration(earlier, written().robot).covariance;
   ASSERT_GT(covariance.size(), 0);
-  EXPECT_EQ(covariance, parse_calibration(edited_without_hashes([](Json&) {}), written().robot).covariance);
+  EXPECT_EQ(covariance, parse_calibration(written().json, written().robot).covariance);
 }
 
 std::size_t index_of(const Json& parameters, const std::string& name) {
@@ -284,7 +292,18 @@ TEST(SavedCalibration, ThatWasEditedIsRefusedWithTheField) {
       {"input", [](Json& r) { r["input"].erase("sha256"); }},
       {"noise", [](Json& r) { r["noise"]["sigma"] = 1e-9; }},
       {"software", [](Json& r) { r["software"]["version"] = "0.0.1"; }},
-      {"doubts", [](Json& r) { r["hashes"].erase("doubts"); }}};
+      {"software", [](Json& r) { r["software"]["version"] = "0.1.0"; }},
+      {"doubts", [](Json& r) { r["hashes"].erase("doubts"); }},
+      {"hashes", [](Json& r) { r["hashes"].erase("hashes"); }},
+      {"hashes",
+       [](Json& r) {
+         r.erase("doubts");
+         r["hashes"].erase("doubts");
+       }},
+      {"hashes", [&](Json& r) {
+         r["reservation"] = doubt;
+         r["hashes"]["reservation"] = tree::hashes(r)["reservation"];
+       }}};
   for (const auto& [field, edit] : edits) {
     EXPECT_EQ(refusal(edited(edit), written().robot),
               "r.json: " + field + ": was changed after calibrate wrote the file, expected the original (only " +
@@ -295,12 +314,50 @@ TEST(SavedCalibration, ThatWasEditedIsRefusedWithTheField) {
 
 TEST(SavedCalibration, OfALaterVersionHasHashes) {
   const auto of_version = [](const Json& version) {
-    return refusal(edited_without_hashes([&](Json& r) { r["software"]["version"] = version; }), written().robot);
+    return refusal(of_first_version([&](Json& r) { r["software"]["version"] = version; }), written().robot);
   };
   EXPECT_EQ(of_version("0.1.0"), kTaken);
-  for (const char* version : {"0.1.1", "0.2.0", "1.0.0", ""}) {
-    EXPECT_EQ(of_version(version), "r.json: the key \"hashes\" is missing, expected the file as calibrate wrote it");
+  const std::string missing = "r.json: the key \"hashes\" is missing, expected the file as calibrate wrote it";
+  for (const Json& version : {Json("0.1.1"), Json("0.2.0"), Json("1.0.0"), Json(""), Json(nullptr), Json(1)}) {
+    EXPECT_EQ(of_version(version), missing) << version;
   }
+  EXPECT_EQ(refusal(edited([](Json& r) { r.erase("hashes"); }), written().robot), missing);
+  // A verdict alone makes it a result.
+  for (const char* kept : {"trusted", "doubts", "software"}) {
+    EXPECT_EQ(refusal(of_first_version([&](Json& r) {
+                        r["software"]["version"] = "0.2.0";
+                        for (const char* each : {"trusted", "doubts", "software"}) {
+                          if (std::string(kept) != each) {
+                            r.erase(each);
+                          }
+                        }
+                      }),
+                      written().robot),
+              missing)
+        << kept;
+  }
+}
+
+TEST(SavedCalibration, OfTheFirstVersionHoldsNothingOfLaterOnes) {
+  const Json json = Json::parse(written().json);
+  for (const char* later : {"remarks", "detectable", "assumed", "stations", "prior_result", "undetermined"}) {
+    EXPECT_EQ(refusal(of_first_version([&](Json& r) { r[later] = json.value(later, Json()); }), written().robot),
+              std::string("r.json: ") + later +
+                  ": was not written by version 0.1.0, expected the file as calibrate wrote it");
+  }
+}
+
+TEST(SavedCalibration, WithoutHashesIsNeverTrusted) {
+  const std::string trusted = of_first_version([](Json& r) {
+    r["trusted"] = true;
+    r["doubts"] = Json::array();
+    r["warnings"] = Json::array({"one"});
+  });
+  const CalibrationParts read = parse_calibration(trusted, written().robot);
+  EXPECT_EQ(read.verdict, Verdict::not_trusted);
+  ASSERT_EQ(read.warnings.size(), 2U);
+  EXPECT_EQ(read.warnings[0], "one");
+  EXPECT_THAT(read.warnings[1], HasSubstr("nothing shows whether the file was edited"));
 }
 
 // What jq, Python and browsers make of a file: keys in another order, no indentation, 1.0 as 1 and -0.0 as 0.
@@ -322,12 +379,13 @@ TEST(SavedCalibration, IsReadHoweverItIsSpeltAndAnnotated) {
 TEST(SavedCalibration, HashesAreOfSortedCompactJson) {
   const Json hashes = tree::hashes(tree::Json::parse(
       R"({"b": [1, -0.0, 2.5E-5, true, null], "a": {"z": "\u00fc", "c": 18014398509481984}, "provenance": 1, "hashes": 2})"));
-  EXPECT_EQ(hashes, (Json{{"b", sha256("[1.0,0.0,2.5e-05,true,null]")},
-                          {"a", sha256("{\"c\":1.8014398509481984e+16,\"z\":\"\xc3\xbc\"}")}}));
+  const std::string a = sha256("{\"c\":1.8014398509481984e+16,\"z\":\"\xc3\xbc\"}");
+  const std::string b = sha256("[1.0,0.0,2.5e-05,true,null]");
+  EXPECT_EQ(hashes, (Json{{"b", b}, {"a", a}, {"hashes", sha256("{\"a\":\"" + a + "\",\"b\":\"" + b + "\"}")}}));
 }
 
 TEST(SavedCalibration, WithoutHashesAgreesWithItself) {
-  const auto faults = [](const Edit& edit) { return refusal(edited_without_hashes(edit), written().robot); };
+  const auto faults = [](const Edit& edit) { return refusal(of_first_version(edit), written().robot); };
   const auto parameter = [](Json& r, const std::string& name) -> Json& {
     return r["parameters"][index_of(r["parameters"], name)];
   };
@@ -380,7 +438,10 @@ TEST(SavedCalibration, ReadsBaseTargetsAndGravityAsTheyStand) {
                   {"name": "B", "position": [0.4, 0.5, 0.6], "quaternion_wxyz": [0.5, -0.5, 0.5, 0.5]}],
       "effects": {"gravity_direction": [0.6, 0.0, -0.8], "terms": []},
       "covariance": null, "trusted": true, "doubts": []})");
-  const auto read = [&] { return parse_calibration(json.dump(), written().robot); };
+  const auto read = [&] {
+    json["hashes"] = tree::hashes(json);
+    return parse_calibration(json.dump(), written().robot);
+  };
   const CalibrationParts saved = read();
   const Eigen::Vector3d turned = saved.estimate.frames.base().linear() * Eigen::Vector3d(1.0, 2.0, 3.0);
   EXPECT_LT((turned - Eigen::Vector3d(3.0, 1.0, 2.0)).norm(), 1e-12);  // x to y to z
