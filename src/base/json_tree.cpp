@@ -7,6 +7,7 @@
 #include "base/json_reading.hpp"
 #include "base/number_range.hpp"
 #include "base/sha256.hpp"
+#include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::tree {
@@ -192,6 +193,17 @@ void accept_without_hashes(Json& json, const std::string& source) {
   }
 }
 
+// The files that a result was made from are no outputs, as its hashes are of them.
+void note_files_read(const Json& json, const std::string& source) {
+  const Json none = Json::array();
+  const Json& provenance = json.is_object() && json.contains("provenance") ? json["provenance"] : none;
+  for (const Json& file : has({provenance, source}, "files_read") ? provenance["files_read"] : none) {
+    if (file.is_object() && file.contains("path") && file["path"].is_string()) {
+      note_input(file["path"].get<std::string>(), source + " was made from");
+    }
+  }
+}
+
 }  // namespace
 
 Json hashes(const Json& object) {
@@ -212,6 +224,7 @@ Json parsed(std::string_view text, const std::string& source) {
   } else {
     accept_without_hashes(json, source);
   }
+  note_files_read(json, source);
   return json;
 }
 

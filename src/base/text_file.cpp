@@ -4,7 +4,9 @@
 #include <cerrno>
 #include <cstdint>
 #include <system_error>
+#include <utility>
 
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -12,17 +14,31 @@ namespace {
 
 constexpr std::size_t kLargestFile = std::size_t{64} << 20U;
 
+NoteInput input_note;
+
 [[noreturn]] void fail(const std::string& source, const std::string& what, int error) {
   throw InputError(source + ": " + what + ": " + std::generic_category().message(error));
 }
 
 }  // namespace
 
+void note_inputs(NoteInput note) { input_note = std::move(note); }
+
+void note_input(const std::filesystem::path& file, const std::string& why) {
+  if (input_note) {
+    input_note(file, why);
+  }
+}
+
 File open_file(const std::filesystem::path& path) {
+  if (path.native().find('\0') != std::string::npos) {  // the system would open the file named by the part before it
+    throw InputError(one_line(path.string()) + ": has a NUL byte in its name, expected a file name");
+  }
   File file(std::fopen(path.c_str(), "rb"));
   if (!file) {
     fail(path.string(), "cannot be opened", errno);
   }
+  note_input(path, "this run reads");
   return file;
 }
 

@@ -10,12 +10,14 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <system_error>
 #include <utility>
 
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -24,25 +26,12 @@ namespace {
 namespace fs = std::filesystem;
 
 [[noreturn]] void fail(const OutputFile& file, const std::string& what) {
-  throw InputError((file.option.empty() ? "'" : file.option + ": '") + file.path + "' " + what);
+  const std::string path = file.path.find('\0') == std::string::npos ? file.path : one_line(file.path);
+  throw InputError((file.option.empty() ? "'" : file.option + ": '") + path + "' " + what);
 }
 
 [[noreturn]] void fail_to_write(const OutputFile& file, int error) {
   fail(file, "cannot be written: " + std::generic_category().message(error));
-}
-
-// Temporary files to remove on a signal.
-constexpr std::size_t kMostTemporaries = 8;
-std::array<std::atomic<const char*>, kMostTemporaries> temporaries_at_risk{};
-
-void end_by_signal(int signal) {
-  for (const std::atomic<const char*>& path : temporaries_at_risk) {
-    if (const char* text = path.load(); text != nullptr) {
-      ::unlink(text);
-    }
-  }
-  std::signal(signal, SIG_DFL);
-  std::raise(signal);  // the parent sees the signal: status 130 for Ctrl-C
 }
 
 // Signals that end a program by default, without those of program faults except SIGABRT. Batch systems send several of
@@ -69,21 +58,35 @@ private:
   sigset_t before_{};
 };
 
-// A temporary file, removed by its destructor or when the process ends, unless it was renamed.
+// The file's path with symbolic links resolved, and the permissions of the replaced file (0 if there is none).
+struct Target {
+  fs::path path;
+  fs::path directory;
+  mode_t mode = 0;
+  bool exists = false;
+};
+
+class Temporary;
+
+// Files to undo on a signal.
+constexpr std::size_t kMostTemporaries = 8;
+std::array<std::atomic<Temporary*>, kMostTemporaries> temporaries_at_risk{};
+
+// A temporary file, removed by its destructor unless it was renamed. A signal that ends the process undoes it.
 class Temporary {
 public:
-  Temporary(const OutputFile& file, const fs::path& directory) : file_(file) {
+  Temporary(const OutputFile& file, const Target& target) : file_(file), target_(target) {
     const SignalsHeld held;
     for (int attempt = 0; descriptor_ < 0; ++attempt) {
-      path_ = directory / (".kdlcal-" + std::to_string(::getpid()) + "-" + std::to_string(attempt) + ".tmp");
+      path_ = target.directory / (".kdlcal-" + std::to_string(::getpid()) + "-" + std::to_string(attempt) + ".tmp");
       descriptor_ = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
       if (descriptor_ < 0 && (errno != EEXIST || attempt > 1000)) {
         fail_to_write(file_, errno);
       }
     }
-    for (std::atomic<const char*>& path : temporaries_at_risk) {
-      const char* none = nullptr;
-      if (path.compare_exchange_strong(none, path_.c_str())) {
+    for (std::atomic<Temporary*>& slot : temporaries_at_risk) {
+      Temporary* none = nullptr;
+      if (slot.compare_exchange_strong(none, this)) {
         break;
       }
     }
@@ -96,22 +99,22 @@ public:
     if (state_ == State::temporary || state_ == State::exchanged) {
       ::unlink(path_.c_str());
     }
-    for (std::atomic<const char*>& path : temporaries_at_risk) {
-      const char* own = path_.c_str();
-      path.compare_exchange_strong(own, nullptr);
+    for (std::atomic<Temporary*>& slot : temporaries_at_risk) {
+      Temporary* own = this;
+      slot.compare_exchange_strong(own, nullptr);
     }
   }
   Temporary(const Temporary&) = delete;
   Temporary& operator=(const Temporary&) = delete;
 
-  void write(mode_t mode) {
+  void write() {
     const TextSink sink = [this](std::string_view piece) { write(piece); };
     if (file_.pieces) {
       file_.pieces(sink);
     } else {
       sink(file_.text);
     }
-    const bool permitted = mode == 0 || ::fchmod(descriptor_, mode) == 0;
+    const bool permitted = target_.mode == 0 || ::fchmod(descriptor_, target_.mode) == 0;
     if (!permitted || ::fsync(descriptor_) != 0) {
       fail_to_write(file_, errno);
     }
@@ -122,26 +125,34 @@ public:
   }
 
   // Gives the file the target's name. A replaced file gets the temporary's name, so that it can be restored.
-  void rename(const fs::path& target, bool replaces, bool force) {
+  void rename(bool force) {
+    const bool replaces = target_.exists;
     const unsigned flags = replaces ? RENAME_EXCHANGE : force ? 0U : RENAME_NOREPLACE;
-    if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), flags) == 0) {
+    if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target_.path.c_str(), flags) == 0) {
       state_ = replaces ? State::exchanged : State::renamed;
       return;
     }
     const bool unknown = errno == EINVAL || errno == ENOSYS;  // the file system supports no flags
     const bool vanished = errno == ENOENT && replaces;
-    if (!(unknown || vanished) || ::rename(path_.c_str(), target.c_str()) != 0) {
+    if (!(unknown || vanished) || ::rename(path_.c_str(), target_.path.c_str()) != 0) {
       fail_to_write(file_, errno);
     }
     state_ = replaces ? State::replaced : State::renamed;
   }
 
-  // Restores the target from before the renaming, if possible.
-  void undo(const fs::path& target) {
-    const bool undone = (state_ == State::exchanged &&
-                         ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target.c_str(), RENAME_EXCHANGE) == 0) ||
-                        (state_ == State::renamed && ::rename(target.c_str(), path_.c_str()) == 0);
-    state_ = undone ? State::temporary : state_;
+  // Restores the target from before the renaming and removes the temporary file. False if that is impossible. Makes
+  // only calls that a signal handler may make.
+  bool undo() noexcept {
+    const char* target = target_.path.c_str();
+    const bool undone =
+        state_ == State::temporary ||
+        (state_ == State::exchanged && ::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, target, RENAME_EXCHANGE) == 0) ||
+        (state_ == State::renamed && ::rename(target, path_.c_str()) == 0);
+    if (undone) {
+      ::unlink(path_.c_str());
+      state_ = State::temporary;
+    }
+    return undone;
   }
 
 private:
@@ -158,22 +169,28 @@ private:
   }
 
   const OutputFile& file_;
+  const Target& target_;
   fs::path path_;
   int descriptor_ = -1;
   State state_ = State::temporary;
 };
 
-// The file's path with symbolic links resolved, and the permissions of the replaced file (0 if there is none).
-struct Target {
-  fs::path path;
-  fs::path directory;
-  mode_t mode = 0;
-  bool exists = false;
-};
+void end_by_signal(int signal) {
+  for (const std::atomic<Temporary*>& slot : temporaries_at_risk) {
+    if (Temporary* temporary = slot.load(); temporary != nullptr) {
+      temporary->undo();
+    }
+  }
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);  // the parent sees the signal: status 130 for Ctrl-C
+}
 
 Target checked_target(const OutputFile& file, bool force) {
   std::error_code error;
   fs::path path = file.path;
+  if (file.path.find('\0') != std::string::npos) {  // the system would write the file named by the part before it
+    fail(file, "has a NUL byte, expected a file name");
+  }
   if (fs::is_directory(path, error)) {
     fail(file, "is a directory, expected a file name");
   }
@@ -215,10 +232,14 @@ bool are_same_file(const fs::path& one, const fs::path& other) {
   return fs::equivalent(one, other, error) && !error;
 }
 
-void require_no_input(const OutputFile& file, const Target& target, const std::vector<NamedFile>& inputs) {
+// Options of outputs are among those that name files, but are no inputs.
+void require_no_input(const OutputFile& file, const std::vector<OutputFile>& files,
+                      const std::vector<NamedFile>& inputs) {
   for (const NamedFile& input : inputs) {
-    if (input.option != file.option && are_same_file(target.path, input.path)) {
-      fail(file, "is the file that " + input.option + " reads, expected another one");
+    const bool is_output = std::any_of(files.begin(), files.end(),
+                                       [&](const OutputFile& output) { return output.option == input.option; });
+    if (!is_output && are_same_file(file.path, input.path)) {
+      fail(file, "is the file that " + input.reason + " as '" + input.path + "', expected another one");
     }
   }
 }
@@ -228,8 +249,8 @@ std::vector<Target> checked_targets(const std::vector<OutputFile>& files, const 
   std::vector<Target> targets;
   targets.reserve(files.size());
   for (const OutputFile& file : files) {
+    require_no_input(file, files, inputs);  // first, as --force is no way out
     targets.push_back(checked_target(file, force));
-    require_no_input(file, targets.back(), inputs);
   }
   for (std::size_t i = 0; i < files.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
@@ -240,6 +261,36 @@ std::vector<Target> checked_targets(const std::vector<OutputFile>& files, const 
     }
   }
   return targets;
+}
+
+using Temporaries = std::vector<std::unique_ptr<Temporary>>;
+
+void rename(const Temporaries& temporaries, bool force) {
+  const SignalsHeld held;  // a signal undoes all files or none
+  for (const std::unique_ptr<Temporary>& temporary : temporaries) {
+    temporary->rename(force);
+  }
+}
+
+// Gives the files that stay, as the file system cannot restore the replaced ones.
+std::string undo(const Temporaries& temporaries, const std::vector<OutputFile>& files) {
+  const SignalsHeld held;
+  std::vector<std::string> left;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    if (!temporaries[i]->undo()) {
+      left.push_back("'" + files[i].path + "'");
+    }
+  }
+  return comma_separated(left);
+}
+
+// The name then survives a power cut. Not every file system supports that.
+void sync_directory(const Target& target) {
+  const int directory = ::open(target.directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (directory >= 0) {
+    ::fsync(directory);
+    ::close(directory);
+  }
 }
 
 }  // namespace
@@ -255,40 +306,33 @@ void remove_temporaries_on_signals() {
 void require_writable(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs, bool force) {
   const std::vector<Target> targets = checked_targets(files, inputs, force);
   for (std::size_t i = 0; i < files.size(); ++i) {
-    const Temporary probe(files[i], targets[i].directory);
+    const Temporary probe(files[i], targets[i]);
   }
 }
 
 void write_whole(const std::vector<OutputFile>& files, const std::vector<NamedFile>& inputs, bool force,
-                 const std::function<void()>& before_renaming) {
+                 const std::function<void()>& after_renaming) {
   const std::vector<Target> targets = checked_targets(files, inputs, force);
-  std::vector<std::unique_ptr<Temporary>> temporaries;
+  Temporaries temporaries;
   for (std::size_t i = 0; i < files.size(); ++i) {
-    temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i].directory));
-    temporaries.back()->write(targets[i].mode);
+    temporaries.push_back(std::make_unique<Temporary>(files[i], targets[i]));
+    temporaries.back()->write();
   }
-  if (before_renaming) {
-    before_renaming();
-  }
-  const SignalsHeld held;  // so that all files are renamed or none
   try {
-    for (std::size_t i = 0; i < files.size(); ++i) {
-      temporaries[i]->rename(targets[i].path, targets[i].exists, force);
+    rename(temporaries, force);
+    std::for_each(targets.begin(), targets.end(), sync_directory);
+    if (after_renaming) {
+      after_renaming();
     }
-  } catch (...) {
-    for (std::size_t i = 0; i < files.size(); ++i) {
-      temporaries[i]->undo(targets[i].path);
+  } catch (const std::exception& error) {
+    const std::string left = undo(temporaries, files);
+    if (left.empty()) {
+      throw;
     }
-    throw;
+    throw InputError(std::string(error.what()) + "; written all the same: " + left);
   }
-  for (const Target& target : targets) {
-    // Syncs the directory, so that the name survives a power cut; not every file system supports that.
-    const int directory = ::open(target.directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (directory >= 0) {
-      ::fsync(directory);
-      ::close(directory);
-    }
-  }
+  const SignalsHeld held;  // a signal before this undoes all files, one after it none
+  temporaries.clear();
 }
 
 }  // namespace kdl_calibration

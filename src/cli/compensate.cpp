@@ -339,11 +339,11 @@ ExitStatus run(const CompensateArguments& arguments) {
          .json = arguments.json},
         load(arguments.robot));
   }
+  const Robot robot = load(arguments.robot);
   std::vector<OutputFile> files = given_outputs({{.option = "--output", .path = arguments.output},
                                                  {.option = "--predict", .path = arguments.predict},
                                                  {.option = "--report", .path = arguments.report}});
   require_writable(files, arguments.force);
-  const Robot robot = load(arguments.robot);
   require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   Compensation compensation(arguments, robot, convention ? &*convention : nullptr);

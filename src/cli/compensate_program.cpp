@@ -246,7 +246,6 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
            {{.option = "--predict", .path = arguments.predict}, {.option = "--report", .path = arguments.report}})) {
     files.push_back(std::move(file));
   }
-  require_writable(files, arguments.force);
   require_programs_of_the_user(arguments.program, texts);
   const Controller controller = controller_of(arguments, robot, *language);
   CompensationOptions options = arguments.options;
@@ -254,6 +253,7 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
     options.held.push_back(joint);
   }
   const Calibration calibration = load_calibration(arguments.result, robot);
+  require_writable(files, arguments.force);
   CompensatedJoints near;
   if (!arguments.near.empty()) {
     near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});

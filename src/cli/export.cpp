@@ -33,8 +33,7 @@ ExitStatus write_text(const TextOutput& arguments, const std::function<std::stri
     return done;
   }
   files.front().text = text();
-  write_whole(files, arguments.force);
-  print("Written: " + arguments.output + "\n");
+  write_whole(files, arguments.force, "Written: " + arguments.output + "\n");
   return done;
 }
 

@@ -98,17 +98,21 @@ std::string usage_fault(const CLI::App& parser, const CLI::ParseError& error) {
   return command + ": " + in_plain_words(parser, error) + ", see " + command + " --help";
 }
 
-// Registers the input files, which must not be overwritten.
-void note_inputs(const CLI::App& parser, const CLI::App& subcommand) {
-  std::vector<NamedFile> inputs;
+// Protects the files that options name, even those that the run does not read.
+void protect_named_files(const CLI::App& parser, const CLI::App& subcommand) {
+  std::vector<NamedFile> named;
   for (const CLI::App* app : {&parser, &subcommand}) {
     for (const CLI::Option* option : app->get_options()) {
-      if (option->get_type_name() == "FILE" && option->count() > 0) {
-        inputs.push_back({.option = option->get_name(), .path = option->as<std::string>()});
+      const std::string type = option->get_type_name();
+      for (const std::string& text : type.ends_with("FILE") ? option->results() : std::vector<std::string>()) {
+        named.push_back({.option = option->get_name(), .path = text});
+        if (type == "[STATION=]FILE") {
+          named.push_back({.option = option->get_name(), .path = text.substr(text.find('=') + 1)});
+        }
       }
     }
   }
-  protect_inputs(std::move(inputs));
+  protect_inputs(std::move(named));
 }
 
 int run(int argc, const char* const* argv) {
@@ -140,7 +144,7 @@ int run(int argc, const char* const* argv) {
   }
   const auto chosen = std::find_if(subcommands.begin(), subcommands.end(),
                                    [](const Subcommand& subcommand) { return subcommand.app->parsed(); });
-  note_inputs(parser, *chosen->app);
+  protect_named_files(parser, *chosen->app);
   return chosen->run();
 }
 

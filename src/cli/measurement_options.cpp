@@ -10,6 +10,7 @@
 #include "cli/frames.hpp"
 #include "cli/joined_files.hpp"
 #include "cli/options.hpp"
+#include "cli/output_files.hpp"
 #include "cli/plan_command.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
@@ -178,10 +179,7 @@ std::vector<JointConvention> conventions_at_hand(const MeasurementArguments& arg
   }
   std::vector<JointConvention> conventions;
   for (const fs::path& file : files) {
-    try {
-      conventions.push_back(read_joint_convention(file));
-    } catch (const InputError&) {  // not a joint convention
-    }
+    read_on_trial([&] { conventions.push_back(read_joint_convention(file)); });
   }
   return conventions;
 }

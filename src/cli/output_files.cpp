@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "base/text_file.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -9,7 +10,7 @@
 namespace kdl_calibration::cli {
 namespace {
 
-std::vector<NamedFile> inputs_to_protect;
+std::vector<NamedFile> inputs_of_run;
 
 }  // namespace
 
@@ -23,16 +24,28 @@ std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files) {
   return given;
 }
 
-void protect_inputs(std::vector<NamedFile> inputs) {
-  inputs_to_protect = std::move(inputs);
+void protect_inputs(std::vector<NamedFile> named) {
+  inputs_of_run = std::move(named);
   try {
-    inputs_to_protect.push_back({.option = "kdlcal itself", .path = default_urdf_path().string()});
+    inputs_of_run.push_back({.option = "kdlcal itself", .path = default_urdf_path().string()});
   } catch (const InputError&) {  // no bundled robots
+  }
+  note_inputs([](const std::filesystem::path& path, const std::string& why) {
+    inputs_of_run.push_back({.option = {}, .path = path.string(), .reason = why});
+  });
+}
+
+void read_on_trial(const std::function<void()>& read) {
+  const std::size_t before = inputs_of_run.size();
+  try {
+    read();
+  } catch (const InputError&) {
+    inputs_of_run.resize(before);
   }
 }
 
 void require_writable(const std::vector<OutputFile>& files, bool force) {
-  kdl_calibration::require_writable(files, inputs_to_protect, force);
+  kdl_calibration::require_writable(files, inputs_of_run, force);
 }
 
 void write_whole(const std::vector<OutputFile>& files, bool force, const std::string& printed) {
@@ -41,7 +54,7 @@ void write_whole(const std::vector<OutputFile>& files, bool force, const std::st
 
 void write_whole(const std::vector<OutputFile>& files, bool force, const std::function<std::string()>& printed) {
   // Printing fails where standard output is full or closed.
-  kdl_calibration::write_whole(files, inputs_to_protect, force, [&] { print(printed()); });
+  kdl_calibration::write_whole(files, inputs_of_run, force, [&] { print(printed()); });
 }
 
 }  // namespace kdl_calibration::cli

@@ -106,8 +106,7 @@ ExitStatus run(const ReportArguments& arguments) {
     page.convention = convention_of(arguments.measurements.joint_convention, *robot);
   }
   files.front().text = calibration_page(page);
-  write_whole(files, arguments.force);
-  print("Written: " + arguments.output + "\n");
+  write_whole(files, arguments.force, "Written: " + arguments.output + "\n");
   return done;
 }
 

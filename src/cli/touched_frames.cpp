@@ -267,8 +267,6 @@ std::vector<std::string> contradictions(const TouchedFrames& found) {
 }
 
 ExitStatus run(const FramesArguments& arguments) {
-  std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
-  require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const PredictionBasis basis =
       arguments.result.empty() ? nominal_basis(robot) : PredictionBasis(read_result(arguments.result, robot));
@@ -276,6 +274,8 @@ ExitStatus run(const FramesArguments& arguments) {
   if (!arguments.controller.empty()) {
     controller = read_controller(arguments.controller);
   }
+  std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
+  require_writable(files, arguments.force);
   const TouchedFrames found = touched_frames(
       basis, touches_of(arguments, robot, controller ? controller->X_FP : Eigen::Isometry3d::Identity()));
   const std::vector<PendantFrame> frames =

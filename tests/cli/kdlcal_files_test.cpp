@@ -1,4 +1,4 @@
-// What kdlcal never does to a file that it reads, and what it leaves where its output has nowhere to go.
+// What kdlcal leaves where its output has nowhere to go, and which files it reads.
 
 #include <filesystem>
 
@@ -28,36 +28,11 @@ protected:
 
 const Measured Files::kMeasured = measured(complete_model(fanuc()), 1);
 
-TEST_F(Files, AnInputIsNeverOverwrittenUnderWhateverName) {
-  fs::create_symlink("m.csv", directory / "link.csv");
-  fs::create_hard_link(directory / "m.csv", directory / "hard.csv");
-  fs::create_directory(directory / "folder");
-  const std::string absolute = (directory / "m.csv").string();
-  for (const std::string& name : {std::string("m.csv"), std::string("./m.csv"), std::string("folder/../m.csv"),
-                                  std::string("link.csv"), std::string("hard.csv"), absolute}) {
-    expect_refused({"calibrate", "--measurements", "m.csv", "--result", name, "--force"},
-                   {"--result", "is the file that --measurements reads"});
-  }
-  expect_refused({"calibrate", "--measurements", "link.csv", "--output", "hard.csv", "--force"},
-                 {"--output", "is the file that --measurements reads"});
-  expect_refused({"calibrate", "--urdf", "robot.urdf", "--measurements", "m.csv", "--output", "robot.urdf", "--force"},
-                 {"--output", "is the file that --urdf reads"});
-}
-
-TEST_F(Files, NoSubcommandOverwritesItsInputs) {
-  write("plan.csv", "configuration,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n1,0,0,0,0,0,0\n");
-  write("options.toml", "[simulate]\nseed = 3\n");
-  expect_refused({"simulate", "--plan", "plan.csv", "--output", "plan.csv", "--force"}, {"--plan reads"});
-  expect_refused({"simulate", "--urdf", "robot.urdf", "--output", "m2.csv", "--truth", "robot.urdf", "--force"},
-                 {"--truth", "--urdf reads"});
-  expect_refused({"simulate", "--config", "options.toml", "--output", "options.toml", "--force"}, {"--config reads"});
-  expect_refused({"plan", "--measured", "m.csv", "--add", "1", "--output", "m.csv", "--force"}, {"--measured reads"});
-}
-
 TEST_F(Files, NothingIsWrittenWhereStandardOutputIsFull) {
   const auto before = files();
   for (const Words& command : {words_of("calibrate --measurements m.csv --output c.urdf --result r.json"),
-                               words_of("simulate --output s.csv --truth t.json"), Words{"model"}}) {
+                               words_of("simulate --output s.csv --truth t.json"),
+                               words_of("export --format urdf --output c.urdf"), Words{"model"}}) {
     const Outcome outcome = run(command, {.out = "/dev/full"});
     EXPECT_EQ(outcome.status, 2) << outcome.err;
     EXPECT_THAT(outcome.err, HasSubstr("standard output cannot be written"));

@@ -3,6 +3,7 @@
 #include "base/sha256.hpp"
 #include "cli_support.hpp"
 #include "report_page_support.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::testing::report_test {
 namespace {

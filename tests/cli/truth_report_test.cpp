@@ -218,6 +218,7 @@ TEST_F(Matrices, OfAResultAreAtItsErrorsBaseAndTargets) {
 }
 
 TEST_F(Matrices, RefuseBadUsage) {
+  write("old.csv", "");
   write("m.csv", "configuration,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n1,0,0,0,0,0,0\n");
   expect_refused({"jacobian"}, {"--joints is required"});
   expect_refused({"jacobian", "--identification"}, {"--joints is required", "--configuration-file"});
@@ -225,8 +226,8 @@ TEST_F(Matrices, RefuseBadUsage) {
   expect_refused({"jacobian", "--joints", "0,0,0,0,0,0", "--output", "j.csv"}, {"--output", "--identification"});
   expect_refused({"jacobian", "--identification", "--joints", "0,0,0,0,0,0", "--configuration-file", "m.csv"},
                  {"one of the two"});
-  expect_refused({"jacobian", "--identification", "--configuration-file", "m.csv", "--output", "m.csv"},
-                 {"m.csv", "exists"});
+  expect_refused({"jacobian", "--identification", "--configuration-file", "m.csv", "--output", "old.csv"},
+                 {"old.csv", "exists"});
 }
 
 using History = CommandLine;
