@@ -29,7 +29,7 @@ struct PointName {
 // The text before, between and behind the two words of a pattern.
 class NamePattern {
 public:
-  explicit NamePattern(const std::string& pattern) : pattern_(pattern) {
+  explicit NamePattern(const std::string& pattern) {
     const std::size_t configuration = pattern.find(kConfiguration);
     const std::size_t target = pattern.find(kTarget);
     target_first_ = target < configuration;
@@ -45,12 +45,13 @@ public:
     behind_ = pattern.substr(second + (target_first_ ? kConfiguration : kTarget).size());
   }
 
-  PointName parts(std::string_view name, const Place& place) const {
+  // None if the name does not fit.
+  std::optional<PointName> parts(std::string_view name) const {
     const std::size_t middle = name.find(between_, before_.size());
     const bool fits = name.starts_with(before_) && name.ends_with(behind_) && middle != std::string_view::npos &&
                       middle > before_.size() && middle + between_.size() + behind_.size() < name.size();
     if (!fits) {
-      fail(place, "point " + shown(name) + " is not named as --point-names says, " + shown(pattern_));
+      return std::nullopt;
     }
     const std::string_view rest = name.substr(middle + between_.size());
     std::string first(name.substr(before_.size(), middle - before_.size()));
@@ -60,7 +61,6 @@ public:
   }
 
 private:
-  std::string pattern_;
   std::string before_;
   std::string between_;
   std::string behind_;
@@ -122,6 +122,12 @@ std::string row_of(const Fields& cells, char separator, std::optional<std::size_
   return row + "\n";
 }
 
+std::string labels_in(const std::string& file, const Measurements& configurations) {
+  constexpr std::size_t kLongest = 120;
+  return "expected a configuration of " + file + ": " +
+         shortened(comma_separated(configurations.configurations), kLongest);
+}
+
 }  // namespace
 
 // Puts the joint values in front of the points' rows. Lines keep their numbers, so that messages name the right one.
@@ -161,15 +167,19 @@ Measurements read_joined(const Robot& robot, const JoinedFiles& files, const Joi
       csv += std::string(joints + 1, separator) + row_of(cells, separator, label, std::nullopt, {});
       continue;
     }
-    const PointName point =
-        pattern ? pattern->parts(cells[*name], lines.place())
+    const std::optional<PointName> point =
+        pattern ? pattern->parts(cells[*name])
                 : PointName{.configuration = std::string(cells[*label]), .target = std::string(cells[*name])};
-    const auto head = heads.find(point.configuration);
-    if (head == heads.end()) {
-      fail(lines.place(),
-           "configuration " + shown(point.configuration) + " has no joint values in " + files.joint_values);
+    if (!point) {
+      fail(lines.place(), "point " + shown(cells[*name]) + " is not named as --point-names says, " +
+                              shown(files.names) + "; " + labels_in(files.joint_values, configurations));
     }
-    csv += head->second + row_of(cells, separator, label, name, point.target);
+    const auto head = heads.find(point->configuration);
+    if (head == heads.end()) {
+      fail(lines.place(), "configuration " + shown(point->configuration) + " has no joint values, " +
+                              labels_in(files.joint_values, configurations));
+    }
+    csv += head->second + row_of(cells, separator, label, name, point->target);
   }
   return parse_measurements(robot, csv, nullptr, files.points);
 }

@@ -119,6 +119,10 @@ TEST_F(JoinedFilesOfATracker, WhatDoesNotFitIsRefusedByFileAndLine) {
   for (const Case& each : cases) {
     EXPECT_THAT(refusal([&] { joined(each.points, each.names); }), HasSubstr(each.words)) << each.points;
   }
+  for (const char* name : {"base", "C99_A"}) {
+    EXPECT_THAT(refusal([&] { joined("name,x,y,z\n" + std::string(name) + ",1,2,3\n", names); }),
+                HasSubstr("expected a configuration of " + (directory / "j.csv").string() + ": 16, 15, 14, 13"));
+  }
 }
 
 }  // namespace
