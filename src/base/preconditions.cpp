@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "base/number_range.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -13,6 +14,9 @@ void refuse_input(const std::string& what, const std::string& expected) {
 void require_sigma(const char* what, double sigma) {
   if (!std::isfinite(sigma) || sigma < 0.0) {
     refuse_input(std::string(what) + " is negative or not finite", "0 or more");
+  }
+  if (sigma > kLargestNumber) {
+    refuse_input(std::string(what) + " is out of range", "at most 1e12");
   }
 }
 

@@ -43,7 +43,7 @@ void require_indices(const char* what, const Indices& indices, Count count) {
   }
 }
 
-/// Throws InputError if a standard deviation, length or weight is negative or not finite.
+/// Throws InputError if a standard deviation, length or weight is negative, not finite or above 1e12.
 void require_sigma(const char* what, double sigma);
 
 /// Throws InputError if `are_finite` is false.

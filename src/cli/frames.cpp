@@ -10,6 +10,7 @@
 #include "base/text_file.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "measurements/measurements_check.hpp"
 #include "results/saved_calibration.hpp"
 
 namespace kdl_calibration::cli {
@@ -67,7 +68,6 @@ void warn_if_found_with_another(const std::optional<std::string>& hash, const st
 }
 
 std::vector<TargetFrame> targets_of(const Json& json, const std::string& source) {
-  constexpr std::size_t kMostTargets = 100;
   const std::vector<Node> nodes = elements(member({.json = json, .where = source}, "targets"));
   if (nodes.size() > kMostTargets) {
     throw InputError(fmt::format("{}: targets: {}, expected at most {}", source, nodes.size(), kMostTargets));

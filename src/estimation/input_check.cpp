@@ -6,6 +6,7 @@
 #include <cmath>
 #include <string>
 
+#include "base/number_range.hpp"
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "estimation/residual_options.hpp"
@@ -122,14 +123,15 @@ void check(const ResidualOptions& options, const Measurements& measurements) {
 
 bool is_rigid(const Eigen::Isometry3d& X) {
   constexpr double kRounding = 1e-6;
-  return X.matrix().allFinite() && X.linear().isUnitary(kRounding) && X.linear().determinant() > 0.0;
+  return X.matrix().allFinite() && X.translation().cwiseAbs().maxCoeff() <= kLargestNumber &&
+         X.linear().isUnitary(kRounding) && X.linear().determinant() > 0.0;
 }
 
 void check(const RegistrationOptions& options) {
   const auto require_pose = [](const Eigen::Isometry3d& X) {
     require_finite("a known frame", X.matrix().allFinite());
     if (!is_rigid(X)) {
-      refuse_input("a known frame is scaled, skewed or mirrored", "a rotation and a translation");
+      refuse_input("a known frame is scaled, skewed, mirrored or beyond 1e12 m", "a rotation and a translation");
     }
   };
   for (const StationBase& base : options.known.bases) {

@@ -37,7 +37,7 @@ void check(const RegistrationOptions& options);
 /// The same, and of known targets at least one is measured: else a name is misspelt.
 void check(const KnownFrames& known, const Measurements& measurements);
 
-/// Whether it is a rotation and a translation, both finite.
+/// Whether it is a rotation and a translation, finite and up to 1e12 m.
 bool is_rigid(const Eigen::Isometry3d& X);
 
 }  // namespace kdl_calibration

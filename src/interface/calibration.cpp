@@ -15,6 +15,7 @@
 #include "measurements/readings.hpp"
 #include "model/error_chains.hpp"
 #include "results/calibrated_urdf.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -25,6 +26,12 @@ KDL::Vector unit_vector(const Eigen::Vector3d& direction) {
   }
   const Eigen::Vector3d unit = direction.stableNormalized();
   return {unit.x(), unit.y(), unit.z()};
+}
+
+void require_urdf(const Robot& robot) {
+  if (robot.urdf.empty()) {
+    refuse_input("the robot is empty", "a URDF, as load_robot or parse_robot reads it");
+  }
 }
 
 EarlierResult earlier_result(const Calibration& earlier, const Robot& robot) {
@@ -127,6 +134,7 @@ std::string hash_of(const Measurements& measurements) {
 }
 
 void require_as_parsed(const Robot& robot) {
+  require_urdf(robot);
   const Robot parsed = parse_robot(robot.urdf, {.base = robot.base, .tip = robot.tip}, robot.source);
   const auto same_frame = [](const KDL::Frame& a, const KDL::Frame& b) {  // KDL's comparison has a tolerance
     return to_eigen(a).matrix() == to_eigen(b).matrix();
@@ -143,8 +151,18 @@ void require_as_parsed(const Robot& robot) {
 }
 
 void require_same_robot(const Robot& robot, const Calibration& calibration) {
+  require_urdf(robot);
   if (hash_of(robot) != calibration.parts().robot) {
     refuse_input("the calibration was not made with " + robot.source, "the URDF, base and tip that were calibrated");
+  }
+}
+
+void require_conventions(const DiagnosisOptions& options, const std::vector<MovingJoint>& joints) {
+  if (options.convention) {
+    matched_convention(*options.convention, independent_joint_names(joints));
+  }
+  for (const JointConvention& other : options.other_conventions) {
+    matched_convention(other, other.urdf_joints);
   }
 }
 
@@ -170,6 +188,7 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
   require_as_parsed(robot);
   ErrorModel model = complete_model(robot);
   model.gravity = unit_vector(options.effects.gravity_direction);
+  require_conventions(options.diagnosis, model.joints);
   CalibrationSettings settings = settings_of(options);
   if (const Calibration* earlier = options.priors.earlier) {
     settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));

@@ -22,6 +22,8 @@ std::string hash_of(const Measurements& measurements);
 void require_as_parsed(const Robot& robot);
 /// Throws InputError if the calibration is one of another robot.
 void require_same_robot(const Robot& robot, const Calibration& calibration);
+/// Throws InputError for a convention that is not of these joints, and for another one that is not whole.
+void require_conventions(const DiagnosisOptions& options, const std::vector<MovingJoint>& joints);
 /// The arm as the URDF says.
 PredictionBasis nominal_basis(const Robot& robot);
 /// The fit that calibrate() summarises. Throws InputError as calibrate() does.

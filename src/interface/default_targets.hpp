@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "base/preconditions.hpp"
@@ -11,14 +12,21 @@
 
 namespace kdl_calibration {
 
-/// Throws InputError if a name is there twice or a frame is none.
+/// Throws InputError for too many targets, a name that is empty or there twice, and a frame that is none.
 inline std::vector<TargetFrame> targets_or_published(const std::vector<TargetFrame>& targets) {
+  if (targets.size() > kMostTargets) {
+    refuse_input(std::to_string(targets.size()) + " targets", "at most " + std::to_string(kMostTargets));
+  }
   for (const TargetFrame& target : targets) {
+    if (target.name.empty()) {
+      refuse_input("a target without a name", "a name for each");
+    }
     if (find_target(targets, target.name) != &target) {
       refuse_input("target " + shown(target.name) + " is there twice", "each name once");
     }
     if (!is_rigid(target.X_FT)) {
-      refuse_input("the frame of target " + shown(target.name), "a rotation and a translation, both finite");
+      refuse_input("the frame of target " + shown(target.name),
+                   "a rotation and a translation, finite and up to 1e12 m");
     }
   }
   return targets.empty() ? published_targets() : targets;

@@ -3,6 +3,8 @@
 #include <string>
 #include <utility>
 
+#include "base/number_range.hpp"
+#include "base/number_text.hpp"
 #include "base/preconditions.hpp"
 #include "interface/default_targets.hpp"
 #include "planning/planner.hpp"
@@ -15,6 +17,10 @@ MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options) 
   if (options.count > kMostPlanned) {
     refuse_input(std::to_string(options.count) + " configurations", "at most " + std::to_string(kMostPlanned));
   }
+  if (!(options.noise >= kSmallestSigma && options.noise <= kLargestNumber)) {
+    refuse_input("a noise of " + shortest(options.noise) + " m", "one from 1e-15 to 1e12 m");
+  }
+  complete_model(robot);  // throws for an empty robot
   const PlanRequest request{.robot = robot,
                             .targets = targets_or_published(options.targets),
                             .cell = {.ranges = options.ranges.empty() ? limits_of(robot.joints) : options.ranges,

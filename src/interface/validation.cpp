@@ -68,6 +68,7 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
 PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measurements, const KnownFrames& known,
                          const DiagnosisOptions& diagnosis) {
   constexpr double kAbsurd = 0.1;  // of the arm's length: 3 degrees in every joint leave half of that
+  require_conventions(diagnosis, arm.model.joints);
   const Measurements rows = rows_to_register(measurements);
   const ErrorModel model = model_at_stations(*TrainingRows(rows), arm.model);
   check(measurements, model);

@@ -82,6 +82,7 @@ void check_convention_keys(const PlainJson& json, const std::string& source) {
 // Checks a convention that was not read from a file.
 void require_whole(const JointConvention& convention) {
   const std::size_t count = convention.urdf_joints.size();
+  require_at_least("joints of a convention", count, 1);
   require_count("controller joints of a convention", convention.controller_joints.size(), count);
   require_count("rows of a convention's matrix", convention.matrix.rows(), count);
   require_count("columns of a convention's matrix", convention.matrix.cols(), count);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/number_range.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
@@ -15,6 +16,11 @@
 
 namespace kdl_calibration {
 namespace {
+
+template <class Values>
+bool are_in_range(const Values& values) {
+  return (values.array().abs() <= kLargestNumber).all();  // false for NaN
+}
 
 [[noreturn]] void refuse(const Measurements& measurements, const std::string& what) {
   throw InputError((measurements.source.empty() ? "measurements" : measurements.source) + ": " + what);
@@ -52,8 +58,8 @@ void require_sound(const Reading& reading, const Refuse& refuse_row) {
                }
              },
              [&](const Distance& distance) {
-               if (!std::isfinite(distance.length) || distance.length <= 0.0) {
-                 refuse_row(fmt::format("a distance of {}, expected one above 0", distance.length));
+               if (!(distance.length > 0.0 && distance.length <= kLargestNumber)) {
+                 refuse_row(fmt::format("a distance of {}, expected one above 0 up to 1e12", distance.length));
                }
              }};
   std::visit(check_kind, reading);
@@ -77,8 +83,8 @@ void require_sound(const Measurements& measurements, std::size_t row) {
   if (observation.station < 0 || observation.station >= stations) {
     refuse_row(fmt::format("station {} is not there, expected 0 to {}", observation.station, stations - 1));
   }
-  if (!observation.position().allFinite()) {
-    refuse_row("a coordinate is not finite");
+  if (!are_in_range(observation.position())) {
+    refuse_row("a coordinate is not finite or beyond 1e12");
   }
   if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
     refuse_row("sigma is negative or not finite, expected 0 where none is stated");
@@ -117,11 +123,17 @@ void check(const Measurements& measurements) {
   if (const std::string fault = fault_of(measurements.signals, measurements.joint_values); !fault.empty()) {
     refuse(measurements, fault);
   }
-  if (!measurements.joint_values.allFinite()) {
-    refuse(measurements, "a joint value is not finite");
+  if (!are_in_range(measurements.joint_values)) {
+    refuse(measurements, "a joint value is not finite or beyond 1e12");
   }
   if (measurements.stations.empty()) {
     refuse(measurements, "no station, expected the name of one or more");
+  }
+  if (measurements.stations.size() > kMostStations) {
+    refuse(measurements, fmt::format("{} stations, expected at most {}", measurements.stations.size(), kMostStations));
+  }
+  if (measurements.targets.size() > kMostTargets) {
+    refuse(measurements, fmt::format("{} targets, expected at most {}", measurements.targets.size(), kMostTargets));
   }
   std::set<std::string> targets;
   for (const std::string& target : measurements.targets) {

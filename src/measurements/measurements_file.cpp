@@ -15,6 +15,7 @@
 #include "base/csv.hpp"
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
+#include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "measurements/label_table.hpp"
@@ -32,8 +33,6 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::int32_t kMostTargets = 100;
-constexpr std::int32_t kMostStations = 100;
 constexpr double kSamePose = 1e-4;  // [rad] or [m] largest difference between rows of one configuration
 
 /// Gathers the rows of one file.
@@ -54,7 +53,7 @@ public:
     observation.split = row.split();
     for (std::size_t j = 0; j < joint_row_.size(); ++j) joint_row_[j] = row.number(joint_columns_[j]);
     observation.target = present(header_.target) ? label(targets_, row, header_.target) : only_target();
-    if (targets_.size() > kMostTargets) row.fail_row("one target more than the limit of 100");
+    if (std::cmp_greater(targets_.size(), kMostTargets)) row.fail_row("one target more than the limit of 100");
     if (present(header_.station)) take_station(row, observation);
     observation.reading = reading(row, observation.station);
     observation.configuration = configuration(row, observation);
@@ -214,7 +213,7 @@ private:
 
   void take_station(const Row& row, Observation& observation) {
     const std::int32_t station = label(stations_, row, header_.station);
-    if (stations_.size() > kMostStations) row.fail_row("one station more than the limit of 100");
+    if (std::cmp_greater(stations_.size(), kMostStations)) row.fail_row("one station more than the limit of 100");
     observation.station = static_cast<std::int16_t>(station);
   }
 
@@ -336,6 +335,7 @@ private:
 
 Measurements collect(LineReader& lines, const std::vector<MovingJoint>& chain, const JointConvention* convention,
                      const FileKind& kind) {
+  require_at_least("moving joints to read", chain.size(), 1);
   MeasurementRows rows(lines, chain, convention, kind);
   Collector collector(rows.header(), lines.source(), kind.content == FileContent::measurements);
   for (bool first = true; rows.next(); first = false) {

@@ -92,6 +92,9 @@ KDL::Frame to_kdl(const Eigen::Isometry3d& X_AB) {
 }
 
 ErrorModel complete_model(const Robot& robot) {
+  if (robot.joints.empty()) {
+    refuse_input("a robot without moving joints", "one that load_robot or parse_robot gives");
+  }
   ErrorModel model{
       .joints = robot.joints, .tip_origin = robot.tip_origin, .tip_joint = robot.tip_joint, .parameters = {}};
   for (std::size_t i = 0; i < robot.joints.size(); ++i) {

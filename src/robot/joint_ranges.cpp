@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/number_range.hpp"
 #include "base/number_text.hpp"
 #include "base/preconditions.hpp"
 #include "robot/mimic.hpp"
@@ -32,6 +33,9 @@ Eigen::MatrixXd random_configurations(const JointRanges& ranges, int count, Rand
   require_at_least("configurations", count, 0);
   for (const auto& [lower, upper] : ranges) {
     require_finite("a joint range", std::isfinite(lower) && std::isfinite(upper));
+    if (std::max(std::abs(lower), std::abs(upper)) > kLargestNumber) {
+      refuse_input("a joint range from " + shortest(lower) + " to " + shortest(upper), "one within 1e12");
+    }
     if (!(lower <= upper)) {
       refuse_input("a joint range from " + shortest(lower) + " to " + shortest(upper), "the lower end first");
     }

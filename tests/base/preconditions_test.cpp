@@ -74,6 +74,8 @@ TEST(Preconditions, NameWhatWasGivenAndWhatWasExpected) {
   EXPECT_CLOSED("the noise is negative or not finite, expected 0 or more", require_sigma("the noise", -1.0));
   EXPECT_CLOSED("negative or not finite", require_sigma("the noise", kNaN));
   EXPECT_CLOSED("negative or not finite", require_sigma("the noise", infinity));
+  EXPECT_NO_THROW(require_sigma("the noise", 1e12));
+  EXPECT_CLOSED("the noise is out of range, expected at most 1e12", require_sigma("the noise", 1.1e12));
   EXPECT_CLOSED("an estimate has a value that is not finite", require_finite("an estimate", false));
   EXPECT_CLOSED("what is called is empty", require_function("what is called", std::function<void()>()));
 }

@@ -54,7 +54,21 @@ std::vector<std::pair<Spoil, std::string>> spoilt() {
       {[](Measurements& m) { m.observations[3].position().y() = kNaN; }, "coordinate is not finite"},
       {[](Measurements& m) { m.observations[3].sigma = -1.0; }, "sigma is negative"},
       {[](Measurements& m) { m.observations[3].sigma = kNaN; }, "sigma is negative or not finite"},
+      {[](Measurements& m) { m.observations[3].position().y() = -1.1e12; }, "beyond 1e12"},
       {[](Measurements& m) { m.joint_values(2, 4) = kNaN; }, "joint value is not finite"},
+      {[](Measurements& m) { m.joint_values(2, 4) = -1.1e12; }, "joint value is not finite or beyond 1e12"},
+      {[](Measurements& m) {
+         for (int i = 0; i < 100; ++i) {
+           m.targets.push_back("T" + std::to_string(i));
+         }
+       },
+       "103 targets, expected at most 100"},
+      {[](Measurements& m) {
+         for (int i = 0; i < 100; ++i) {
+           m.stations.push_back("S" + std::to_string(i));
+         }
+       },
+       "101 stations, expected at most 100"},
       {[](Measurements& m) { m.joint_values.conservativeResize(6, 29); }, "30 configurations, expected 29"},
       {[](Measurements& m) { m.observations[3].order = 1; },
        "observation 3: some rows have a place in the order and others have none"},
@@ -67,6 +81,7 @@ std::vector<std::pair<Spoil, std::string>> spoilt() {
       {has(along({0.6, 0.0, 0.8}, 3)), "its directions are none"},
       {has(distance_of(0.0)), "observation 3: a distance of 0, expected one above 0"},
       {has(distance_of(-1.0)), "a distance of -1"},
+      {has(distance_of(1.1e12)), "a distance of 1100000000000, expected one above 0 up to 1e12"},
       {has(distance_of(kNaN)), "a distance of nan"},
       {has(distance_of(1.0)), "rows of several anchors"},
       {[](Measurements& m) { m.joint_units.resize(2); }, "2 units of joints"}};

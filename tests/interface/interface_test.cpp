@@ -407,6 +407,19 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
                              .offset = Eigen::VectorXd::Zero(6)};
   TargetFrame nowhere_at_all{.name = "A"};
   nowhere_at_all.X_FT.translation().x() = std::numeric_limits<double>::quiet_NaN();
+  TargetFrame far_away{.name = "A"};
+  far_away.X_FT.translation().x() = 1e154;
+  std::vector<TargetFrame> crowd;
+  Measurements crowded = data;
+  Measurements roaming = data;
+  for (int i = 0; i < 101; ++i) {
+    crowd.push_back({.name = "T" + std::to_string(i)});
+    crowded.targets.push_back(crowd.back().name);
+    roaming.stations.push_back(crowd.back().name);
+  }
+  const JointConvention none;
+  const std::string with_nul("r.json\0.json", 12);
+  const MeasuringPlan no_plan;
   const Measurements early = subset(data, [](const Observation& o) { return o.configuration < 4; });
   const Measurements first = subset(data, [](const Observation& o) { return o.configuration == 0; });
   const std::vector<TargetFrame> both_a = {{.name = "A"}, {.name = "A"}};
@@ -487,6 +500,44 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"plan, count", [] { plan_measurements(fanuc(), {.count = 0}); }, "configurations"},
       {"plan, noise", [] { plan_measurements(fanuc(), {.noise = std::numeric_limits<double>::infinity()}); }, "noise"},
       {"plan, ranges", [&] { plan_measurements(fanuc(), {.ranges = of_one}); }, "range"},
+      {"plan, far target", [&] { plan_measurements(fanuc(), {.targets = {far_away}}); }, "up to 1e12 m"},
+      {"plan, crowd", [&] { plan_measurements(fanuc(), {.targets = crowd}); }, "101 targets, expected at most 100"},
+      {"plan, nameless", [&] { plan_measurements(fanuc(), {.targets = {TargetFrame{}}}); }, "a name for each"},
+      {"plan, small noise", [] { plan_measurements(fanuc(), {.noise = 1e-300}); }, "from 1e-15 to 1e12 m"},
+      {"plan, large noise", [] { plan_measurements(fanuc(), {.noise = 1e200}); }, "from 1e-15 to 1e12 m"},
+      {"plan, default robot", [] { plan_measurements(Robot()); }, "without moving joints"},
+      {"simulate, far target", [&] { simulate(fanuc(), {.targets = {far_away}}); }, "up to 1e12 m"},
+      {"simulate, crowd", [&] { simulate(fanuc(), {.targets = crowd}); }, "101 targets, expected at most 100"},
+      {"simulate, large noise", [] { simulate(fanuc(), {.noise = 1e300}); }, "at most 1e12"},
+      {"simulate, far range",
+       [] {
+         simulate(fanuc(), {.ranges = JointRanges(6, {-1e300, 1.0})});
+       },
+       "within 1e12"},
+      {"simulate, default robot", [] { simulate(Robot()); }, "without moving joints"},
+      {"model, default robot", [] { complete_model(Robot()); }, "without moving joints"},
+      {"validate, default robot", [&] { validate(Robot(), data); }, "without moving joints"},
+      {"parse, default robot", [] { parse_measurements(Robot(), "configuration\n"); }, "0 moving joints"},
+      {"configurations, no joints", [] { parse_configurations("1\n", std::vector<std::string>()); }, "0 moving joints"},
+      {"load, default robot", [&] { load_calibration(file("r.json"), Robot()); }, "the robot is empty"},
+      {"urdf, default robot", [&] { calibrated_urdf(Robot(), c); }, "the robot is empty"},
+      {"calibrate, crowd", [&] { calibrate(fanuc(), crowded); }, "targets, expected at most 100"},
+      {"calibrate, stations", [&] { calibrate(fanuc(), roaming); }, "102 stations, expected at most 100"},
+      {"validate, crowd", [&] { validate(fanuc(), crowded); }, "targets, expected at most 100"},
+      {"validate, stations", [&] { validate(c, roaming); }, "102 stations, expected at most 100"},
+      {"measurements_csv, crowd", [&] { measurements_csv(crowded); }, "targets, expected at most 100"},
+      {"calibrate, convention", [&] { calibrate(fanuc(), data, {.diagnosis = {.convention = none}}); }, "0 joints"},
+      {"calibrate, another", [&] { calibrate(fanuc(), data, {.diagnosis = {.other_conventions = {none}}}); },
+       "0 joints"},
+      {"calibrate, flat", [&] { calibrate(fanuc(), data, {.diagnosis = {.other_conventions = {flat}}}); }, "rank"},
+      {"validate, convention", [&] { validate(fanuc(), data, {}, {.convention = none}); }, "0 joints"},
+      {"matched_convention", [&] { matched_convention(none, {}); }, "0 joints of a convention, expected at least 1"},
+      {"measurements_csv, convention", [&] { measurements_csv(fanuc(), data, none); }, "0 joints"},
+      {"plan_csv, convention", [&] { plan_csv(no_plan, {}, &none); }, "0 joints"},
+      {"robot, NUL", [&] { load_robot(with_nul); }, "r.json\\x00.json: has a NUL byte in its name"},
+      {"measurements, NUL", [&] { read_measurements(fanuc(), file(with_nul)); }, "has a NUL byte in its name"},
+      {"load, NUL", [&] { load_calibration(file(with_nul), fanuc()); }, "has a NUL byte in its name"},
+      {"write, NUL", [&] { write_result(file(with_nul), fanuc(), data, c); }, "has a NUL byte, expected a file name"},
       {"plan, height", [] { plan_measurements(fanuc(), {.least_height = 100.0}); }, "height"},
   };
   for (const Case& each : cases) {
