@@ -43,8 +43,8 @@ std::string kinematic_export(const Robot& robot, const Calibration& calibration,
 Robot load_dh_robot(const std::filesystem::path& file, const RobotOptions& options = {});
 
 /// The nominal URDF of a Universal Robot, corrected by the text of the calibration.conf that its maker stored on the
-/// controller. Throws InputError for another robot, a URDF that is not nominal, and a text that is no finished
-/// calibration.
+/// controller, or of the YAML that ur_calibration of the ROS driver writes from it, as KinematicFormat::ur_yaml is.
+/// Throws InputError for another robot, a URDF that is not nominal, and a text that is no finished calibration.
 std::string ur_calibrated_urdf(const Robot& robot, std::string_view calibration,
                                const std::string& source = "calibration.conf");
 

@@ -95,7 +95,8 @@ Subcommand add_import(CLI::App& parser) {
   CLI::App* app = parser.add_subcommand("import", "The maker's own calibration as URDF");
   const auto arguments = std::make_shared<ImportArguments>();
   add_robot_options(*app, arguments->robot);
-  add_file(*app, "--ur-calibration", arguments->calibration, "calibration.conf of a Universal Robot's controller")
+  add_file(*app, "--ur-calibration", arguments->calibration,
+           "calibration.conf of a Universal Robot's controller, or the YAML of ur_calibration for ROS")
       ->required();
   add_text_output(*app, arguments->to);
   add_example(*app, "kdlcal import --ur-calibration calibration.conf --urdf ur5.urdf --output calibrated.urdf");

@@ -47,7 +47,8 @@ Robot load_dh_robot(const std::filesystem::path& file, const RobotOptions& optio
 }
 
 std::string ur_calibrated_urdf(const Robot& robot, std::string_view calibration, const std::string& source) {
-  return corrected_urdf(robot.urdf, ur_corrections(robot, calibration, source));
+  return is_ur_yaml(calibration) ? urdf_with_origins(robot.urdf, ur_origins(robot, calibration, source))
+                                 : corrected_urdf(robot.urdf, ur_corrections(robot, calibration, source));
 }
 
 }  // namespace kdl_calibration

@@ -57,15 +57,7 @@ std::string xacro_yaml(const Robot& robot, const std::string& note) {
 
 std::string ur_yaml(const Robot& nominal, const Robot& calibrated, const std::string& note) {
   constexpr double kRounding = 1e-12;
-  constexpr std::array kLinks = {"shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"};
-  constexpr std::array kNumbers = {"x", "y", "z", "roll", "pitch", "yaw"};
-  require_ur_joints(calibrated);
-  for (const MovingJoint& joint : calibrated.joints) {
-    if (!KDL::Equal(joint.axis, KDL::Vector(0.0, 0.0, 1.0), kRounding)) {
-      throw InputError(calibrated.source + ": joint " + in_quotes(joint.name) +
-                       " does not turn about z: expected the description whose kinematics are a YAML file");
-    }
-  }
+  require_ur_description(calibrated);
   if (!KDL::Equal(nominal.tip_origin, calibrated.tip_origin, kRounding)) {
     throw InputError(
         calibrated.source +
@@ -77,10 +69,10 @@ std::string ur_yaml(const Robot& nominal, const Robot& calibrated, const std::st
     if (segment.getJoint().getType() == KDL::Joint::Fixed) {
       continue;
     }
-    text += fmt::format("  {}:\n", kLinks[link++]);
+    text += fmt::format("  {}:\n", kUrLinks[link++]);
     const std::array<double, 6> numbers = origin_numbers(segment);
     for (std::size_t i = 0; i < numbers.size(); ++i) {
-      text += fmt::format("    {}: {}\n", kNumbers[i], yaml_number(numbers[i]));
+      text += fmt::format("    {}: {}\n", kUrNumbers[i], yaml_number(numbers[i]));
     }
   }
   // The driver compares it with that of the robot, and says that this is another one, which is true.

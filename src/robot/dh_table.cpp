@@ -26,7 +26,7 @@ namespace {
 using tree::Json;
 using tree::Node;
 
-constexpr double kLongest = 50.0;  // [m] of any robot
+constexpr double kLongest = 20.0;  // [m] of any robot
 const std::string kTipJoint = "tool0_fixed_joint";
 
 /// A quantity of a row and its kind.
@@ -238,6 +238,31 @@ std::string xml_text(const std::string& name) {
   return result;
 }
 
+/// [m] How far the last frame is from the first. Each joint that turns is at this value.
+double reach_at(const DhTable& table, double angle) {
+  KDL::Frame tip;
+  for (const DhRow& row : table.rows) {
+    const double q = row.type == JointType::prismatic ? 0.0 : angle;
+    const KDL::Frame along(KDL::Rotation::RotZ(row.theta + q), KDL::Vector(0.0, 0.0, row.d));
+    tip = table.convention == DhConvention::standard ? tip * along * dh_across(row) : tip * dh_across(row) * along;
+  }
+  return tip.p.Norm();
+}
+
+/// Nearly parallel axes have d of hundreds of metres, which cancel at all joint values.
+void require_reach_of_a_robot(const DhTable& table, const std::string& source) {
+  for (const double angle : {0.0, 0.5, 1.0}) {
+    if (const double reach = reach_at(table, angle); reach > kLongest) {
+      const DhRow& longest = *std::max_element(table.rows.begin(), table.rows.end(), [](const auto& a, const auto& b) {
+        return std::abs(a.d) < std::abs(b.d);
+      });
+      fail(source, fmt::format("the last frame is {:.4g} m from the first at joint values of {:.1f}, farther than that "
+                               "of any robot; d of joint {} is {} m: millimetres? write d[mm]",
+                               reach, angle, in_quotes(longest.joint), shortest(longest.d)));
+    }
+  }
+}
+
 /// A joint between these links, as an element of a URDF; without a row it is fixed.
 std::string urdf_joint(const std::string& parent, const std::string& child, const KDL::Frame& origin,
                        const DhRow* row) {
@@ -276,20 +301,12 @@ DhTable parse_dh_table(std::string_view text, const std::string& source) {
     fail(source, "has no rows: expected one for each joint, from base to tip");
   }
   std::set<std::string> names = {kTipJoint};
-  KDL::Frame tip;
   for (const DhRow& row : table.rows) {
-    tip = table.convention == DhConvention::standard ? tip * dh_along(row) * dh_across(row)
-                                                     : tip * dh_across(row) * dh_along(row);
     if (!names.insert(row.joint).second) {
       fail(source, "joint name " + shown(row.joint) + " is taken: expected another one for each row");
     }
   }
-  // Nearly parallel axes have d of hundreds of metres, which cancel.
-  if (tip.p.Norm() > kLongest) {
-    fail(source, fmt::format("the last frame is {:.4g} m from the first at joint values of 0, farther than that of any "
-                             "robot: millimetres? write d[mm]",
-                             tip.p.Norm()));
-  }
+  require_reach_of_a_robot(table, source);
   return table;
 }
 

@@ -2,11 +2,13 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <optional>
 
 #include "base/csv.hpp"
 #include "base/number_range.hpp"
@@ -185,6 +187,136 @@ std::vector<OriginCorrection> ur_corrections(const Robot& robot, std::string_vie
     }
   }
   return corrections;
+}
+
+void require_ur_description(const Robot& robot) {
+  constexpr double kRounding = 1e-12;
+  require_ur_joints(robot);
+  for (const MovingJoint& joint : robot.joints) {
+    if (!KDL::Equal(joint.axis, KDL::Vector(0.0, 0.0, 1.0), kRounding)) {
+      throw InputError(robot.source + ": joint " + in_quotes(joint.name) +
+                       " does not turn about z: expected the description whose kinematics are a YAML file");
+    }
+  }
+}
+
+namespace {
+
+/// "key: value  # comment" cut in parts; no key for a blank line.
+struct YamlLine {
+  std::size_t indentation = 0;
+  std::string key;
+  std::string_view value;
+};
+
+YamlLine yaml_line(std::string_view line, const Place& place) {
+  const std::size_t comment = line.find('#');
+  if (comment != std::string_view::npos && (comment == 0 || line[comment - 1] == ' ')) {
+    line = line.substr(0, comment);
+  }
+  if (trimmed(line).empty() || line == "---" || line == "...") {
+    return {};
+  }
+  const std::size_t colon = line.find(':');
+  if (colon == std::string_view::npos) {
+    fail(place, shown(trimmed(line)) + " is no key with a colon: expected the YAML of ur_calibration");
+  }
+  return {.indentation = line.find_first_not_of(' '),
+          .key = std::string(trimmed(line.substr(0, colon))),
+          .value = trimmed(line.substr(colon + 1))};
+}
+
+double yaml_number_in(const YamlLine& line, const Place& place) {
+  const char* first = line.value.data() + (line.value.starts_with('+') ? 1 : 0);
+  const char* last = line.value.data() + line.value.size();
+  double number = 0.0;
+  const auto [end, error] = std::from_chars(first, last, number);
+  if (error != std::errc() || end != last || !(std::abs(number) <= kLargestNumber)) {
+    fail(place, line.key + ": " + shown(line.value) + " is no number of at most 1e12");
+  }
+  return number;
+}
+
+using SixFrames = std::array<std::array<std::optional<double>, kUrNumbers.size()>, kUrJoints>;
+
+template <std::size_t kSize>
+std::optional<std::size_t> place_in(const std::array<const char*, kSize>& names, const std::string& name) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  return found == names.end() ? std::nullopt : std::optional(static_cast<std::size_t>(found - names.begin()));
+}
+
+/// The frames below the key `kinematics`; other keys beside it are of other programs.
+SixFrames ur_frames(std::string_view yaml, const std::string& source) {
+  SixFrames frames{};
+  std::optional<std::size_t> link;
+  bool inside = false;
+  std::size_t of_links = 0;  // their indentation
+  LineReader lines(yaml, source);
+  for (std::string_view text; lines.next(text);) {
+    const YamlLine line = yaml_line(text, lines.place());
+    if (line.key.empty()) {
+      continue;
+    }
+    if (line.indentation == 0) {
+      inside = line.key == "kinematics";
+      link.reset();
+      of_links = 0;
+    } else if (inside && (of_links == 0 || line.indentation == of_links)) {
+      of_links = line.indentation;
+      link = place_in(kUrLinks, line.key);
+      if (!link && line.key != "hash") {
+        fail(lines.place(), shown(line.key) + " is unknown, expected shoulder, upper_arm, forearm, wrist_1 to wrist_3");
+      }
+    } else if (inside && link) {
+      const std::optional<std::size_t> number = place_in(kUrNumbers, line.key);
+      if (!number || frames[*link][*number]) {
+        fail(lines.place(), shown(line.key) + (number ? " is there twice" : " is unknown") +
+                                ", expected x, y, z, roll, pitch, yaw, each once");
+      }
+      frames[*link][*number] = yaml_number_in(line, lines.place());
+    }
+  }
+  return frames;
+}
+
+}  // namespace
+
+bool is_ur_yaml(std::string_view text) {
+  const std::size_t key = text.starts_with("kinematics:") ? 0 : text.find("\nkinematics:");
+  return key != std::string_view::npos;
+}
+
+std::vector<NewOrigin> ur_origins(const Robot& robot, std::string_view yaml, const std::string& source) {
+  constexpr double kLargest = 0.1;  // [m] and [rad]
+  require_ur_description(robot);
+  const SixFrames frames = ur_frames(yaml, source);
+  std::vector<NewOrigin> origins;
+  for (const KDL::Segment& segment : robot.chain.segments) {
+    if (segment.getJoint().getType() == KDL::Joint::Fixed) {
+      continue;
+    }
+    const std::size_t link = origins.size();
+    std::array<double, kUrNumbers.size()> numbers{};
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      if (!frames[link][i]) {
+        fail(source, std::string("kinematics: ") + kUrLinks[link] + " has no " + kUrNumbers[i] +
+                         ", expected x, y, z, roll, pitch, yaw");
+      }
+      numbers[i] = *frames[link][i];
+    }
+    const auto& [x, y, z, roll, pitch, yaw] = numbers;
+    const KDL::Frame nominal = segment.pose(0.0);
+    const double shift = (KDL::Vector(x, y, z) - nominal.p).Norm();
+    KDL::Vector axis;
+    const double turn = (nominal.M.Inverse() * KDL::Rotation::RPY(roll, pitch, yaw)).GetRotAngle(axis);
+    if (shift > kLargest || turn > kLargest) {
+      fail(source, fmt::format("{} is {:.2f} m and {:.2f} rad from where the URDF has it, expected metres and radians "
+                               "of this robot",
+                               kUrLinks[link], shift, turn));
+    }
+    origins.push_back({.joint = segment.getJoint().getName(), .xyz = {x, y, z}, .rpy = {roll, pitch, yaw}});
+  }
+  return origins;
 }
 
 }  // namespace kdl_calibration

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,5 +22,20 @@ void require_ur_joints(const Robot& robot);
 /// calibration that the file calls unfinished.
 std::vector<OriginCorrection> ur_corrections(const Robot& robot, std::string_view calibration,
                                              const std::string& source);
+
+/// The keys of a yaml file, from shoulder to wrist_3, and those of each of its frames.
+inline constexpr std::array kUrLinks = {"shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"};
+inline constexpr std::array kUrNumbers = {"x", "y", "z", "roll", "pitch", "yaw"};
+
+/// Throws InputError unless the robot is the description for ROS whose joint origins a yaml file sets: the joints of
+/// require_ur_joints, each of which turns about z.
+void require_ur_description(const Robot& robot);
+
+/// Whether the text is the yaml that ur_calibration of the ROS driver writes, with the key `kinematics`.
+bool is_ur_yaml(std::string_view text);
+
+/// The joint origins that it states. Throws InputError: another robot or description, a missing or repeated number,
+/// another key, an origin more than 0.1 m or 0.1 rad from that of the robot.
+std::vector<NewOrigin> ur_origins(const Robot& robot, std::string_view yaml, const std::string& source);
 
 }  // namespace kdl_calibration

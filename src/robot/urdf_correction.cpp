@@ -304,8 +304,11 @@ const tinyxml2::XMLElement& find_joint(const tinyxml2::XMLElement& robot, const 
   return *found;
 }
 
+Origin corrected(const Origin& /*old*/, const NewOrigin& origin) { return {origin.xyz, origin.rpy}; }
+
+template <class Correction>
 void edit_joint(std::string_view text, const tinyxml2::XMLElement& joint, const TagPairing& pairing,
-                const OriginCorrection& correction, std::vector<Edit>& edits) {
+                const Correction& correction, std::vector<Edit>& edits) {
   const tinyxml2::XMLElement* origin = joint.FirstChildElement("origin");
   const Origin old{read_triple(origin, "xyz", correction.joint), read_triple(origin, "rpy", correction.joint)};
   const Origin now = corrected(old, correction);
@@ -329,6 +332,30 @@ std::string applied(std::string_view text, std::vector<Edit> edits) {
     at = edit.begin + edit.length;
   }
   return result.append(text.substr(at));
+}
+
+template <class Correction>
+std::string with_edited_origins(std::string_view urdf, const std::vector<Correction>& corrections) {
+  tinyxml2::XMLDocument document;
+  parse_xml(document, urdf, kSource);
+  const tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
+  if (robot == nullptr) {
+    throw InputError(kSource + ": no <robot> element, expected a URDF");
+  }
+  const std::vector<StartTag> tags = TagScanner(urdf).scan();
+  TagPairing pairing(tags);
+  document.Accept(&pairing);
+
+  std::vector<Edit> edits;
+  std::set<std::string> done;
+  for (const Correction& correction : corrections) {
+    if (!done.insert(correction.joint).second) {
+      throw InputError(kSource + ": joint " + in_quotes(correction.joint) +
+                       " has two corrections, expected one per joint");
+    }
+    edit_joint(urdf, find_joint(*robot, correction.joint), pairing, correction, edits);
+  }
+  return applied(urdf, std::move(edits));
 }
 
 }  // namespace
@@ -361,26 +388,11 @@ std::array<double, 3> rpy_of(const KDL::Rotation& r, const std::array<double, 3>
 }
 
 std::string corrected_urdf(std::string_view urdf, const std::vector<OriginCorrection>& corrections) {
-  tinyxml2::XMLDocument document;
-  parse_xml(document, urdf, kSource);
-  const tinyxml2::XMLElement* robot = document.FirstChildElement("robot");
-  if (robot == nullptr) {
-    throw InputError(kSource + ": no <robot> element, expected a URDF");
-  }
-  const std::vector<StartTag> tags = TagScanner(urdf).scan();
-  TagPairing pairing(tags);
-  document.Accept(&pairing);
+  return with_edited_origins(urdf, corrections);
+}
 
-  std::vector<Edit> edits;
-  std::set<std::string> done;
-  for (const OriginCorrection& correction : corrections) {
-    if (!done.insert(correction.joint).second) {
-      throw InputError(kSource + ": joint " + in_quotes(correction.joint) +
-                       " has two corrections, expected one per joint");
-    }
-    edit_joint(urdf, find_joint(*robot, correction.joint), pairing, correction, edits);
-  }
-  return applied(urdf, std::move(edits));
+std::string urdf_with_origins(std::string_view urdf, const std::vector<NewOrigin>& origins) {
+  return with_edited_origins(urdf, origins);
 }
 
 }  // namespace kdl_calibration

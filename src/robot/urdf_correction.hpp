@@ -21,6 +21,13 @@ struct OriginCorrection {
   KDL::Frame correction;  ///< metres, radians; in the joint's own frame at zero
 };
 
+/// The new origin of one URDF joint.
+struct NewOrigin {
+  std::string joint;
+  std::array<double, 3> xyz;  ///< [m]
+  std::array<double, 3> rpy;  ///< [rad]
+};
+
 /// Rewrites the origins of the named joints in the original URDF text and leaves every other byte alone: comments,
 /// order, white space, quotes, line ends and unknown tags stay. Numbers are written with the fewest digits that read
 /// back to the same double. Components that a correction does not change keep their text; a correction that is the
@@ -29,5 +36,7 @@ struct OriginCorrection {
 /// Throws InputError for malformed XML, a joint that does not exist or exists twice, two corrections of one joint, an
 /// origin that is not three numbers, a corrected origin that is not finite.
 std::string corrected_urdf(std::string_view urdf, const std::vector<OriginCorrection>& corrections);
+/// The same with these numbers as they are.
+std::string urdf_with_origins(std::string_view urdf, const std::vector<NewOrigin>& origins);
 
 }  // namespace kdl_calibration

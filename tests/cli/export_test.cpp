@@ -109,6 +109,10 @@ TEST_F(ExportOfKdlcal, OfAUniversalRobotIsItsDescription) {
       run({"export", "--urdf", "ur10.urdf", "--result", "u.json", "--format", "ur-yaml", "--output", "u.yaml"});
   EXPECT_EQ(yaml.status, 0) << yaml.err;
   EXPECT_THAT(text_of("u.yaml"), HasSubstr("kinematics:\n  shoulder:\n    x: "));
+  const Words again = {"import", "--ur-calibration", "u.yaml", "--urdf", "ur10.urdf", "--output", "again.urdf"};
+  EXPECT_EQ(run(again).out, "Written: again.urdf\n");
+  succeed({"export", "--urdf", "ur10.urdf", "--result", "u.json", "--format", "urdf", "--output", "calibrated.urdf"});
+  expect_near(tip({"--urdf", "again.urdf"}), tip({"--urdf", "calibrated.urdf"}), 1e-14);
 }
 
 TEST_F(ExportOfKdlcal, RefusesWhatItCannotExport) {

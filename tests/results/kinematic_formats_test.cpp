@@ -10,6 +10,7 @@
 #include "refusal.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "robot/chain_to_dh.hpp"
+#include "robot/ur_calibration.hpp"
 #include "support.hpp"
 #include "ur10.hpp"
 
@@ -120,6 +121,7 @@ TEST(KinematicFormats, UrYamlHasTheOriginsByTheirNames) {
   EXPECT_TRUE(yaml.starts_with("kinematics:\n  shoulder:\n")) << yaml;
   EXPECT_THAT(yaml, HasSubstr("\n  hash: kdl_calibration_"));
   expect_same(chain_with(robot, origins), calibrated);
+  expect_same(parse_robot(urdf_with_origins(robot.urdf, ur_origins(robot, yaml, "u.yaml"))).chain, calibrated);
   // YAML 1.1 reads 1e-05 as text.
   EXPECT_FALSE(std::regex_search(ur_yaml(robot, robot, ""), std::regex(R"(: -?\de)")));
   EXPECT_THAT(ur_yaml(robot, robot, "a note"), HasSubstr("# a note\nkinematics:\n"));

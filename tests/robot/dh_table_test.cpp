@@ -265,7 +265,13 @@ TEST(DhTable, RefusesWhatItCannotRead) {
       {"convention,standard\njoint,a[m],alpha[deg],d[m],theta[deg]\nJ,-243.65,90,0,0\n",
        "DH table:3: a[m]: -243.65 m is longer than any robot: millimetres? write a[mm]"},
       {"convention,standard\njoint,a[m],alpha[deg],d[m],theta[deg]\nJ,0,90,151.9,0\nK,0,0,81.9,0\n",
-       "the last frame is 172.6 m from the first at joint values of 0, farther than that of any robot: millimetres?"},
+       "the last frame is 172.6 m from the first at joint values of 0.0, farther than that of any robot; d of joint "
+       "'J' "
+       "is 151.9 m: millimetres? write d[mm]"},
+      {"convention,standard\njoint,a[mm],alpha[deg],d[m],theta[deg]\nJ,0,90,30,0\nK,0,90,0,0\nL,0,0,30,0\n",
+       "at joint values of 1.0, farther than that of any robot; d of joint 'J' is 30 m"},
+      {"convention,standard\njoint,a[m],alpha[deg],d[m],theta[deg]\nJ,21,90,0,0\n",
+       "DH table:3: a[m]: 21 m is longer than any robot: millimetres? write a[mm]"},
       {"convention,standard\njoint,a[mm],a[mm]\n", "column 'a[mm]' is there twice"},
       {"convention,standard\njoint,a[mm],a[m],alpha[deg],d[mm],theta[deg]\nJ,1,1,2,3,4\n", "a is there twice"},
       {"convention,standard\njoint,r[mm]\nJ,1\n", "unknown column 'r[mm]', expected joint, type, a, alpha"},
@@ -282,6 +288,14 @@ TEST(DhTable, RefusesWhatItCannotRead) {
     const std::string message = testing::refusal([&text = text] { robot_of(text); });
     EXPECT_THAT(message, HasSubstr(words)) << text;
   }
+}
+
+// Two nearly parallel axes of a calibrated arm, as Universal Robots state them: their d cancel.
+TEST(DhTable, TakesLargeOffsetsThatCancel) {
+  const Robot robot = robot_of(
+      "convention,standard\njoint,a[m],alpha[rad],d[m],theta[rad]\nJ,0,1.5707963,0.089,0\nK,-0.425,0.0005,232.1,0\n"
+      "L,-0.392,-0.0005,-232.1,0\nM,0,1.5707963,0.109,0\n");
+  EXPECT_EQ(robot.joints.size(), 4U);
 }
 
 }  // namespace

@@ -118,6 +118,77 @@ TEST(UrCalibration, TakesOtherFramesOfTheSameAxes) {
   }
 }
 
+std::string frame_of(const std::string& link, const std::string& numbers) {
+  std::istringstream values(numbers);
+  std::string text = "  " + link + ":\n";
+  for (const char* key : {"x", "y", "z", "roll", "pitch", "yaw"}) {
+    std::string value;
+    values >> value;
+    text += std::string("    ") + key + ": " + value + "\n";
+  }
+  return text;
+}
+
+/// Frames in another order than that of the arm.
+std::string ur_yaml_text() {
+  return "# by ur_calibration\nversion: 1\nkinematics:\n" +
+         frame_of("forearm", "-0.612693284 0 0 3.140532249 3.139908847 -3.141687661") +
+         frame_of("shoulder", "0 0 0.12799  0 0 1.7796e-05") +
+         frame_of("upper_arm", "-6.8695e-05 0 0 1.570050155 0 5.1372e-05") +
+         frame_of("wrist_1", "-0.57199 +0.00041566 0.164511275 0.001 -0.0009 0.00005") +
+         frame_of("wrist_2", "-0.000163707 -0.11553428 0.000221596 1.570184688 0 9.6187e-05") +
+         frame_of("wrist_3", "0.000152646 0.09211961 0.000117863 1.570958711 3.141513161 3.141404971") +
+         "  hash: calib_1234567890  # of the controller\n";
+}
+
+// The origins of the description, which xacro sets with kinematics_params.
+TEST(UrCalibration, ReadsTheYamlOfTheDriver) {
+  const std::vector<std::pair<std::string, std::string>> expected = {
+      {"shoulder_pan_joint", "xyz=\"0 0 0.12799\" rpy=\"0 0 1.7796e-05\""},
+      {"shoulder_lift_joint", "xyz=\"-6.8695e-05 0 0\" rpy=\"1.570050155 0 5.1372e-05\""},
+      {"elbow_joint", "xyz=\"-0.612693284 0 0\" rpy=\"3.140532249 3.139908847 -3.141687661\""},
+      {"wrist_1_joint", "xyz=\"-0.57199 0.00041566 0.164511275\" rpy=\"0.001 -9e-04 5e-05\""},
+      {"wrist_2_joint", "xyz=\"-0.000163707 -0.11553428 0.000221596\" rpy=\"1.570184688 0 9.6187e-05\""},
+      {"wrist_3_joint", "xyz=\"0.000152646 0.09211961 0.000117863\" rpy=\"1.570958711 3.141513161 3.141404971\""}};
+  const std::string yaml = ur_yaml_text();
+  ASSERT_TRUE(is_ur_yaml(yaml));
+  const Robot robot = parse_robot(testing::kUr10);
+  std::string urdf = testing::kUr10;
+  for (const auto& [joint, origin] : expected) {
+    const std::size_t begin = urdf.find("<origin", urdf.find("joint name=\"" + joint));
+    urdf.replace(begin, urdf.find("/>", begin) - begin, "<origin " + origin);
+  }
+  EXPECT_EQ(urdf_with_origins(robot.urdf, ur_origins(robot, yaml, "c.yaml")), urdf);
+  EXPECT_FALSE(is_ur_yaml(testing::kUrCalibration));
+}
+
+TEST(UrCalibration, RefusesAYamlThatIsNone) {
+  const Robot robot = parse_robot(testing::kUr10);
+  const auto replaced = [](const std::string& what, const std::string& by) {
+    std::string text = ur_yaml_text();
+    return text.replace(text.find(what), what.size(), by);
+  };
+  const std::vector<std::pair<std::string, std::string>> texts = {
+      {"kinematics:\n", "c.yaml: kinematics: shoulder has no x, expected x, y, z, roll, pitch, yaw"},
+      {replaced("  wrist_2:", "  wrist_7:"), "'wrist_7' is unknown, expected shoulder, upper_arm"},
+      {replaced("z: 0.12799", "z: 0.12799 m"), "c.yaml:14: z: '0.12799 m' is no number of at most 1e12"},
+      {replaced("z: 0.12799", "z 0.12799"), "c.yaml:14: 'z 0.12799' is no key with a colon"},
+      {replaced("z: 0.12799", "y: 0.12799"), "c.yaml:14: 'y' is there twice, expected x, y, z"},
+      {replaced("z: 0.12799", "rz: 0.12799"), "c.yaml:14: 'rz' is unknown, expected x, y, z"},
+      {replaced("z: 0.12799", "z: 0.2284"), "c.yaml: shoulder is 0.10 m and 0.00 rad from where the URDF has it"},
+      {replaced("yaw: 1.7796e-05", "yaw: 0.11"), "c.yaml: shoulder is 0.00 m and 0.11 rad from where"},
+  };
+  for (const auto& [text, words] : texts) {
+    EXPECT_THAT(testing::refusal([&, &text = text] { ur_origins(robot, text, "c.yaml"); }), HasSubstr(words)) << text;
+  }
+  EXPECT_THAT(testing::refusal([&] { ur_origins(testing::fanuc(), ur_yaml_text(), "c.yaml"); }),
+              HasSubstr("is no Universal Robot"));
+  std::string turned = testing::kUr10;
+  turned.replace(turned.find("0 0 1\""), 5, "0 1 0");
+  EXPECT_THAT(testing::refusal([&] { ur_origins(parse_robot(turned), ur_yaml_text(), "c.yaml"); }),
+              HasSubstr("'shoulder_pan_joint' does not turn about z"));
+}
+
 TEST(UrCalibration, RefusesWhatIsNone) {
   const Robot robot = parse_robot(testing::kUr10);
   const auto replaced = [](std::string text, const std::string& what, const std::string& by) {
