@@ -56,11 +56,41 @@ void make_longer(Observation& row, const Vector3d& predicted, double step) {
   }
 }
 
+// Whether distances were measured from places that another instrument stated.
+bool has_stated_anchors(const Measurements& rows) {
+  return std::any_of(rows.observations.begin(), rows.observations.end(),
+                     [](const Observation& row) { return is_distance(row) && !row.position().isZero(0.0); });
+}
+
+// A factor on the distances alone, whose anchors stay where they were stated. The zero of the instrument took a part of
+// it in the fit, so it is free here.
+MatrixXd distance_factor(const OrdinaryFit& fit) {
+  const auto longer = [&](bool by_factor) {
+    return fit.disturbed([by_factor](Observation& o, const Vector3d& predicted, double step) {
+      if (auto* const distance = std::get_if<Distance>(&o.reading)) {
+        distance->length += step * (by_factor ? (predicted - distance->anchor).norm() : 1.0);
+      }
+    });
+  };
+  MatrixXd C = longer(true);
+  if (rows_of_stated_distances(fit.rows()).empty()) {
+    C.conservativeResize(Eigen::NoChange, 2);
+    C.col(1) = longer(false);
+  }
+  return C;
+}
+
 void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
   const MatrixXd C = fit.disturbed(make_longer);
   MistakeFamily all;
   all.add(explanations, explanations.sums(C),
           [&] { return scale_trial("all measured lengths", {}, fit.scale_sigma()); });
+  if (has_stated_anchors(fit.rows())) {
+    constexpr bool kListed = false;  // among all lengths
+    all.add(
+        explanations, explanations.sums(distance_factor(fit)),
+        [&] { return scale_trial("all measured distances", {}, fit.scale_sigma()); }, kListed);
+  }
   families.push_back(std::move(all));
 
   const std::vector<std::string>& stations = fit.rows().stations;

@@ -203,6 +203,26 @@ CalibrationOptions readings_alone() {
   return options;
 }
 
+// The anchors keep their stated places. The zero of the instrument takes the mean error, which is up to 40 mm.
+TEST(DistancesFromAnchors, FromStatedAnchorsAreDoubtedByTheirScale) {
+  for (const double factor : {1.0, 1.005, 0.995, 1.02, 0.98}) {
+    Distances experiment(4);
+    Measurements measurements = experiment.measured(3, true, 60, kNoise);
+    for (Observation& observation : measurements.observations) {
+      std::get<Distance>(observation.reading).length *= factor;
+    }
+    const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements, readings_alone()).doubts();
+    if (factor == 1.0) {
+      EXPECT_THAT(doubts, ::testing::IsEmpty());
+      continue;
+    }
+    ASSERT_FALSE(doubts.empty()) << factor;
+    EXPECT_EQ(doubts.front().cause, Cause::scale) << factor;
+    EXPECT_THAT(doubts.front().message, HasSubstr("all measured distances "));
+    EXPECT_NEAR(doubts.front().figures.front().value, factor - 1.0, 0.05 * std::abs(factor - 1.0)) << factor;
+  }
+}
+
 // `factors` on ways to measure, by turns.
 void expect_another_unit_of_all_lengths_is_named(const CalibrationOptions& options,
                                                  const std::vector<double>& factors) {
