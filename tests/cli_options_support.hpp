@@ -11,6 +11,8 @@
 // table, `OptionsOfKdlcal.Of...AreAllTested`. Each row is also run with the option in a file (--config), which must do
 // the same; of calibrate and plan, whose runs take long, only on the command line.
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -27,6 +29,7 @@
 #include "cli_support.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "measurements/readings.hpp"
 #include "model/parameters.hpp"
 #include "planning/simulation.hpp"
 #include "report_page_support.hpp"
@@ -383,6 +386,32 @@ protected:
     EXPECT_EQ(tested, known) << "options of kdlcal " << subcommand << ": see cli_options_support.hpp";
   }
 };
+
+/// Poses with angles about fixed x, y and z, as Yaskawa shows them: names and digits leave a rotation vector open.
+inline std::string angles_csv(const Measurements& poses) {
+  std::istringstream rows(measurements_csv(without_orientations(poses)));
+  std::string csv;
+  std::string row;
+  std::getline(rows, row);
+  csv += row + ",rx[deg],ry[deg],rz[deg]\n";
+  for (std::size_t i = 0; std::getline(rows, row); ++i) {
+    const Orientation& q = *poses.observations[i].orientation();
+    double roll = 0.0;
+    double pitch = 0.0;
+    double yaw = 0.0;
+    KDL::Rotation::Quaternion(q.x(), q.y(), q.z(), q.w()).GetRPY(roll, pitch, yaw);
+    csv += row + "," + fmt::format("{},{},{}\n", roll / kDegree, pitch / kDegree, yaw / kDegree);
+  }
+  return csv;
+}
+/// The data contradict the reading without the option.
+inline Check is_contradicted_without() {
+  return [](const Effect& effect) {
+    EXPECT_EQ(effect.without.outcome.status, 1) << effect.without.outcome.err;
+    EXPECT_THAT(effect.without.outcome.err, ::testing::HasSubstr("(--orientation fixed-xyz)"));
+    EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+  };
+}
 
 /// Joint values alone, and points alone: with a column of configurations, or named C<configuration>_<target>.
 inline std::string joints_csv(const Measurements& measured) {

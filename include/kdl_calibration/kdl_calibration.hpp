@@ -16,6 +16,7 @@
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "kdl_calibration/report_page.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/robot.hpp"

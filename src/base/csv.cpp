@@ -97,10 +97,13 @@ void LineReader::check_characters(std::string_view line) const {
   }
 }
 
-bool next_record(LineReader& lines, std::string_view& line) {
+bool is_comment(std::string_view line) { return line.starts_with('#') || line.starts_with("//"); }
+
+bool next_record(LineReader& lines, std::string_view& line, std::vector<Comment>* comments) {
   while (lines.next(line)) {
-    const bool comment = line.starts_with('#');
+    const bool comment = is_comment(line);
     if (!comment && line.find_first_not_of(" \t,;") != std::string_view::npos) return true;
+    if (comment && comments != nullptr) comments->push_back({std::string(line), lines.place().line});
   }
   return false;
 }
@@ -184,7 +187,8 @@ std::string label_fault(std::string_view label) {
 }
 
 std::string csv_cell(std::string_view text) {
-  if (text.find_first_of(",;\"#") == std::string_view::npos && trimmed(text).size() == text.size()) {
+  if (text.find_first_of(",;\"#") == std::string_view::npos && !is_comment(text) &&
+      trimmed(text).size() == text.size()) {
     return std::string(text);
   }
   std::string cell = "\"";

@@ -53,8 +53,17 @@ private:
   std::size_t line_ = 0;
 };
 
-/// The next line that is neither a comment nor empty. Spreadsheets write an empty row as separators alone.
-bool next_record(LineReader& lines, std::string_view& line);
+/// Whether the line begins with # or, as in exports of SpatialAnalyzer, with //.
+bool is_comment(std::string_view line);
+
+struct Comment {
+  std::string text;
+  std::size_t line = 0;
+};
+
+/// The next line that is neither a comment nor empty. Spreadsheets write an empty row as separators alone. Adds the
+/// comments before it to `comments`, if there is such a list.
+bool next_record(LineReader& lines, std::string_view& line, std::vector<Comment>* comments = nullptr);
 
 /// The separator of a header: comma, semicolon or tab, whichever is most frequent outside quotes.
 char separator_of(std::string_view header);

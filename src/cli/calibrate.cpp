@@ -214,6 +214,7 @@ std::string next_step(const CalibrateArguments& arguments) {
   add("--tip", arguments.robot.tip);
   add("--measurements", "NEW.csv");
   add("--joint-convention", arguments.measurements.joint_convention);
+  add("--orientation", arguments.measurements.orientation);
   return command + ", with points of other days and places";
 }
 
@@ -451,7 +452,7 @@ void add_noise_options(CLI::App& app, CalibrateArguments& arguments) {
 
 void add_groups(CLI::App& app) {
   add_group(app, "Input",
-            {"--measurements", "--joints-file", "--point-names", "--urdf", "--dh", "--base", "--tip",
+            {"--measurements", "--joints-file", "--point-names", "--urdf", "--dh", "--base", "--tip", "--orientation",
              "--joint-convention", "--known-base", "--known-targets", "--predict-at"});
   add_group(
       app, "Output",

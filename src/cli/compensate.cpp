@@ -28,6 +28,7 @@
 #include "interface/compensated_line.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "measurements/program_file.hpp"
 
@@ -46,6 +47,7 @@ struct CompensateArguments {
   std::string program;
   std::string controller;
   std::string frames;
+  std::string orientation;
   std::vector<std::string> external_axes;
   std::string joint_convention;
   std::vector<std::string> near;
@@ -115,14 +117,10 @@ public:
         compensator_(calibration_,
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments)),
-        program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses),
+        program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses,
+                 orientation_reading(arguments.orientation)),
         summary_(robot, calibration_.arm()),
         warnings_(other_notes(arguments)) {
-    if (program_.has_rotation_vectors_in_degrees()) {
-      warnings_.push_back(file() +
-                          ": rx, ry, rz are read as a rotation vector (UR); if they are angles about x, y and z "
-                          "(Yaskawa, Kinova and others), name the columns roll, pitch, yaw");
-    }
     if (!arguments.near.empty()) {
       previous_ = joint_values(robot, {.joints = arguments.near,
                                        .joint_convention = arguments.joint_convention,
@@ -160,6 +158,8 @@ public:
   }
 
   const CompensationSummary& summary() const { return summary_; }
+  /// How the poses' orientations were read; empty if there is one way.
+  std::string orientations() const { return arguments_.poses.empty() ? "" : program_.orientations(); }
   /// Why the commands may be wrong although each point is exact; empty if they are not.
   std::string doubt() const {
     if (!depends_on_way()) {
@@ -360,12 +360,17 @@ ExitStatus run(const CompensateArguments& arguments) {
   write_whole(files, arguments.force, [&] {
     const std::vector<std::string> warnings = compensation.warnings();
     std::for_each(warnings.begin(), warnings.end(), warn);
+    const std::string orientations = compensation.orientations();
     if (arguments.json) {
-      return json_text(compensation.summary().json());
+      Json json = compensation.summary().json();
+      if (!orientations.empty()) {
+        json["read"] = orientations;
+      }
+      return json_text(json);
     }
     const bool of_links = !arguments.poses.empty() && arguments.frames.empty();
     return (of_links ? "poses of " + robot.tip + " in " + robot.base + ", as no --frames are given\n" : "") +
-           compensation.summary().table();
+           (orientations.empty() ? "" : "read: " + orientations + "\n") + compensation.summary().table();
   });
   if (const std::string doubt = compensation.doubt(); !doubt.empty()) {
     print_doubt(doubt);
@@ -390,6 +395,7 @@ Subcommand add_compensate(CLI::App& parser) {
   add_file(*app, "--poses", arguments->poses,
            "Poses of the program: a CSV file with x, y, z, an orientation and, if known, joint values near the pose")
       ->excludes(joints);
+  add_orientation(*app, arguments->orientation)->needs("--poses");
   add_list(*app, "--near", arguments->near,
            "Joint values near the first pose of --poses or --program that states no joint values, degrees or m: its "
            "elbow, shoulder and wrist")

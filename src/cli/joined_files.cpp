@@ -13,6 +13,7 @@
 #include "base/units.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/measurement_columns.hpp"
+#include "measurements/point_export.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
@@ -20,6 +21,7 @@ namespace {
 
 constexpr std::string_view kConfiguration = "{configuration}";
 constexpr std::string_view kTarget = "{target}";
+constexpr std::size_t kMostLabels = 200;  // [bytes] in a message
 
 struct PointName {
   std::string configuration;
@@ -141,15 +143,21 @@ Measurements read_joined(const Robot& robot, const JoinedFiles& files, const Joi
   std::optional<std::size_t> label;
   char separator = '\0';
   std::string csv;
+  std::vector<Comment> comments;
   Fields cells;
   for (std::string_view line; lines.next(line);) {
-    if (line.find_first_not_of(" \t,;") == std::string_view::npos || line.starts_with('#')) {
+    if (line.find_first_not_of(" \t,;") == std::string_view::npos || is_comment(line)) {
       csv += "\n";
+      if (separator == '\0' && is_comment(line)) {
+        comments.push_back({std::string(line), lines.place().line});
+      }
       continue;
     }
     if (separator == '\0') {
-      separator = separator_of(line);
-      cells.split(line, separator, lines.place());
+      const std::optional<ExportHeader> stated = export_header(comments, line, lines.source());
+      const std::string header = stated ? stated->text : std::string(line);
+      separator = separator_of(header);
+      cells.split(header, separator, lines.place());
       name = column_of("target", cells);
       label = column_of("configuration", cells);
       if (!name || label.has_value() == pattern.has_value()) {
@@ -157,8 +165,14 @@ Measurements read_joined(const Robot& robot, const JoinedFiles& files, const Joi
                                     : "expected a column 'configuration' beside --joints-file, or --point-names");
       }
       heads = heads_of(robot, configurations, separator);
+      const bool is_row = stated && stated->before_first;
+      if (is_row) {
+        csv.pop_back();  // the header takes the place of a comment
+      }
       csv += heading_of(robot, separator) + row_of(cells, separator, label, name, "target");
-      continue;
+      if (!is_row) {
+        continue;
+      }
     }
     cells.split(line, separator, lines.place());
     const bool units = is_unit_row(cells);
@@ -181,7 +195,7 @@ Measurements read_joined(const Robot& robot, const JoinedFiles& files, const Joi
     }
     csv += head->second + row_of(cells, separator, label, name, point->target);
   }
-  return parse_measurements(robot, csv, nullptr, files.points);
+  return parse_measurements(robot, csv, nullptr, files.points, files.orientation);
 }
 
 }  // namespace kdl_calibration::cli

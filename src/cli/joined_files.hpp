@@ -4,6 +4,7 @@
 
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration::cli {
@@ -15,6 +16,7 @@ struct JoinedFiles {
   /// How the points' names are made, such as "C{configuration}_{target}". Empty: the points have a column
   /// `configuration`.
   std::string names;
+  OrientationReading orientation = OrientationReading::usual;
 };
 
 /// Throws InputError as read_measurements does, for a pattern without both words, a name that does not match it, and a

@@ -16,6 +16,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "measurements/same_poses.hpp"
 #include "measurements/stations.hpp"
 
@@ -33,6 +34,7 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
       ->needs(joints);
   add_list(app, "--exclude", arguments.exclude, "Configurations, or points of them, that are left out")
       ->type_name("CONFIGURATION[:TARGET],...");
+  add_orientation(app, arguments.orientation);
   add_file(app, "--joint-convention", arguments.joint_convention,
            "How the controller's joint values become the URDF's (JSON)");
   app.add_option("--known-base", arguments.known_bases,
@@ -97,12 +99,15 @@ FileRoles files_of(const MeasurementArguments& arguments) {
 Measurements read(const MeasurementArguments& arguments, const Robot& robot) {
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
   const JointConvention* used = convention ? &*convention : nullptr;
-  Measurements measurements = arguments.joints_file.empty() ? read_measurements(robot, arguments.measurements, used)
-                                                            : read_joined(robot,
-                                                                          {.points = arguments.measurements,
-                                                                           .joint_values = arguments.joints_file,
-                                                                           .names = arguments.point_names},
-                                                                          used);
+  const OrientationReading orientation = orientation_reading(arguments.orientation);
+  Measurements measurements = arguments.joints_file.empty()
+                                  ? read_measurements(robot, arguments.measurements, used, orientation)
+                                  : read_joined(robot,
+                                                {.points = arguments.measurements,
+                                                 .joint_values = arguments.joints_file,
+                                                 .names = arguments.point_names,
+                                                 .orientation = orientation},
+                                                used);
   return with_poses_joined(arguments.exclude.empty() ? std::move(measurements)
                                                      : without_rows(measurements, arguments.exclude));
 }

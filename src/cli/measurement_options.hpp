@@ -14,12 +14,14 @@
 
 namespace kdl_calibration::cli {
 
-/// --measurements, --joints-file, --point-names, --exclude, --joint-convention, --known-base, --known-targets
+/// --measurements, --joints-file, --point-names, --exclude, --orientation, --joint-convention, --known-base,
+/// --known-targets
 struct MeasurementArguments {
   std::string measurements;
   std::string joints_file;
   std::string point_names;
   std::vector<std::string> exclude;
+  std::string orientation;
   std::string joint_convention;
   std::vector<std::string> known_bases;  // FILE or STATION=FILE
   std::string known_targets;

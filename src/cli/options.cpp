@@ -17,6 +17,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/kinematic_export.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
@@ -166,6 +167,15 @@ void add_example(CLI::App& app, const std::string& command) {
 CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value, const std::vector<std::string>& words,
                       const std::string& help) {
   return app.add_option(name, value, help)->type_name("NAME")->check(one_of(words))->capture_default_str();
+}
+
+CLI::Option* add_orientation(CLI::App& app, std::string& orientation) {
+  return app
+      .add_option("--orientation", orientation,
+                  "What the three numbers of an orientation are [rx,ry,rz: rotation-vector; A,B,C: moving-zyx; others: "
+                  "fixed-xyz]")
+      ->type_name("READING")
+      ->check(one_of(orientation_words()));
 }
 
 CLI::Option* limit_count(CLI::Option* option, std::pair<int, int> range) {

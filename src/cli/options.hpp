@@ -47,6 +47,8 @@ void add_example(CLI::App& app, const std::string& command);
 /// Adds an option for one of `words`.
 CLI::Option* add_word(CLI::App& app, const std::string& name, std::string& value, const std::vector<std::string>& words,
                       const std::string& help);
+/// --orientation, a word of orientation_words()
+CLI::Option* add_orientation(CLI::App& app, std::string& orientation);
 /// Restricts the option to whole numbers within `range`.
 CLI::Option* limit_count(CLI::Option* option, std::pair<int, int> range);
 /// Adds an option for a whole number within `range`; help shows the default.

@@ -24,6 +24,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "planning/places_plan.hpp"
 #include "planning/planner.hpp"
 #include "programs/measuring_program.hpp"
@@ -48,6 +49,7 @@ struct PlanArguments {
   std::optional<double> accuracy_mm;
   std::string accuracy_of = "mean";
   std::string measured;
+  std::string orientation;
   std::string result;
   int candidates = 5000;
   int workspace = 5000;
@@ -143,7 +145,8 @@ Setting setting(const PlanArguments& arguments) {
   result.convention = convention_of(arguments.joint_convention, request.robot);
   const JointConvention* convention = result.joint_convention();
   if (!arguments.measured.empty()) {
-    request.measured = read_measurements(request.robot, arguments.measured, convention);
+    request.measured =
+        read_measurements(request.robot, arguments.measured, convention, orientation_reading(arguments.orientation));
   }
   if (!arguments.result.empty()) {
     request.calibrated = read_result(arguments.result, request.robot);
@@ -452,6 +455,7 @@ void add_counts(CLI::App& app, PlanArguments& arguments) {
                              "Configurations to choose [30]; with --accuracy the most that may be [500]"),
               {1, kMostPlanned});
   add_file(app, "--measured", arguments.measured, "Plan on top of these measurements (CSV)");
+  add_orientation(app, arguments.orientation)->needs("--measured");
   add_file(app, "--result", arguments.result, "Plan on top of what this calibration knows, at its geometry (JSON)");
   limit_count(app.add_option("--add", arguments.add, "With --measured or --result: configurations to add"),
               {1, kMostPlanned});

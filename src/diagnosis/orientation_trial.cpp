@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <iterator>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -24,23 +25,64 @@ using Eigen::Quaterniond;
 constexpr double kAgree = 0.1;           // [rad]
 constexpr std::size_t kMostTried = 300;  // candidates for a target's orientation
 
-struct OrientationReading {
+struct MeantOrientation {
   Quaterniond (*meant)(const Quaterniond& read);
   const char* words;
 };
 
-const std::array<OrientationReading, 6>& readings() {
-  static const std::array<OrientationReading, 6> all = {
-      OrientationReading{[](const Quaterniond& q) { return q; }, ""},
-      OrientationReading{[](const Quaterniond& q) { return q.conjugate(); }, "as inverses (conjugates)"},
-      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.z(), q.w(), q.x(), q.y()); },
-                         "with x, y, z, w in the columns qw, qx, qy, qz"},
-      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.z(), -q.w(), -q.x(), -q.y()); },
-                         "as inverses, with x, y, z, w in the columns qw, qx, qy, qz"},
-      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); },
-                         "with w, x, y, z in the columns qx, qy, qz, qw"},
-      OrientationReading{[](const Quaterniond& q) { return Quaterniond(q.x(), -q.y(), -q.z(), -q.w()); },
-                         "as inverses, with w, x, y, z in the columns qx, qy, qz, qw"}};
+using Angles = Eigen::Vector3d;
+
+Quaterniond turned_about(double angle, const Angles& axis) { return Quaterniond(Eigen::AngleAxisd(angle, axis)); }
+Quaterniond about_fixed(const Angles& v) {
+  return turned_about(v[2], Angles::UnitZ()) * turned_about(v[1], Angles::UnitY()) *
+         turned_about(v[0], Angles::UnitX());
+}
+Quaterniond about_moving(const Angles& v) {
+  return turned_about(v[0], Angles::UnitX()) * turned_about(v[1], Angles::UnitY()) *
+         turned_about(v[2], Angles::UnitZ());
+}
+Quaterniond about_own_axis(const Angles& v) { return turned_about(v.norm(), v.stableNormalized()); }
+
+// The three numbers from which the orientation was read. The sign of a quaternion tells angles beyond half a turn.
+Angles rotation_vector_of(const Quaterniond& q) {
+  return 2.0 * std::atan2(q.vec().norm(), q.w()) * q.vec().stableNormalized();
+}
+Angles fixed_angles_of(const Quaterniond& q) {
+  const Eigen::Matrix3d R = q.toRotationMatrix();
+  return {std::atan2(R(2, 1), R(2, 2)), std::atan2(-R(2, 0), std::hypot(R(2, 1), R(2, 2))),
+          std::atan2(R(1, 0), R(0, 0))};
+}
+Angles moving_angles_of(const Quaterniond& q) { return -fixed_angles_of(q.conjugate()); }
+
+// A whole file may have been read so; single rows are inverted or reordered at most.
+constexpr std::size_t kOfSingleRows = 6;
+
+const std::array<MeantOrientation, 13>& readings() {
+  static const std::array<MeantOrientation, 13> all = {
+      MeantOrientation{[](const Quaterniond& q) { return q; }, ""},
+      MeantOrientation{[](const Quaterniond& q) { return q.conjugate(); }, "as inverses (conjugates)"},
+      MeantOrientation{[](const Quaterniond& q) { return Quaterniond(q.z(), q.w(), q.x(), q.y()); },
+                       "with x, y, z, w in the columns qw, qx, qy, qz"},
+      MeantOrientation{[](const Quaterniond& q) { return Quaterniond(q.z(), -q.w(), -q.x(), -q.y()); },
+                       "as inverses, with x, y, z, w in the columns qw, qx, qy, qz"},
+      MeantOrientation{[](const Quaterniond& q) { return Quaterniond(q.x(), q.y(), q.z(), q.w()); },
+                       "with w, x, y, z in the columns qx, qy, qz, qw"},
+      MeantOrientation{[](const Quaterniond& q) { return Quaterniond(q.x(), -q.y(), -q.z(), -q.w()); },
+                       "as inverses, with w, x, y, z in the columns qx, qy, qz, qw"},
+      MeantOrientation{[](const Quaterniond& q) { return about_fixed(rotation_vector_of(q)); },
+                       "as angles about fixed axes instead of a rotation vector (--orientation fixed-xyz)"},
+      MeantOrientation{[](const Quaterniond& q) { return about_moving(rotation_vector_of(q)); },
+                       "as angles about moving axes instead of a rotation vector (--orientation moving-xyz)"},
+      MeantOrientation{[](const Quaterniond& q) { return about_own_axis(fixed_angles_of(q)); },
+                       "as a rotation vector instead of angles (--orientation rotation-vector)"},
+      MeantOrientation{[](const Quaterniond& q) { return about_moving(fixed_angles_of(q)); },
+                       "as angles about moving instead of fixed x, y and z (--orientation moving-xyz)"},
+      MeantOrientation{[](const Quaterniond& q) { return about_own_axis(moving_angles_of(q)); },
+                       "as a rotation vector instead of angles (--orientation rotation-vector)"},
+      MeantOrientation{[](const Quaterniond& q) { return about_fixed(moving_angles_of(q)); },
+                       "as angles about fixed instead of moving x, y and z (--orientation fixed-xyz)"},
+      MeantOrientation{[](const Quaterniond& q) { return about_fixed(fixed_angles_of(q).reverse()); },
+                       "as angles about x, y and z instead of z, y and x (A, B, C: --orientation fixed-xyz)"}};
   return all;
 }
 
@@ -50,9 +92,7 @@ struct Row {
   Quaterniond flange;    // in W
   Quaterniond measured;  // as read from the file
 
-  Quaterniond of_target(const OrientationReading& reading) const {
-    return flange.conjugate() * reading.meant(measured);
-  }
+  Quaterniond of_target(const MeantOrientation& reading) const { return flange.conjugate() * reading.meant(measured); }
 };
 
 // Rows of each target.
@@ -79,7 +119,7 @@ struct Consensus {
   std::size_t rows = 0;              // number of rows that agree
 };
 
-Consensus consensus(const OrientationRows& rows, const OrientationReading& reading) {
+Consensus consensus(const OrientationRows& rows, const MeantOrientation& reading) {
   Consensus result;
   for (const std::vector<Row>& own : rows) {
     std::vector<Quaterniond> said;
@@ -124,7 +164,7 @@ struct Off {
   double angle;  // [rad]
 };
 
-std::vector<Off> all_off(const OrientationRows& rows, const Consensus& agreed, const OrientationReading& reading) {
+std::vector<Off> all_off(const OrientationRows& rows, const Consensus& agreed, const MeantOrientation& reading) {
   std::vector<Off> all;
   for (std::size_t k = 0; k < rows.size(); ++k) {
     for (const Row& row : rows[k]) {
@@ -169,7 +209,7 @@ OrientationTrial judged(const Measurements& measurements, const Consensus& agree
                         std::size_t count, double limit) {
   const std::string what =
       "the measured orientations of " + of_rows(outliers.size(), count) + " rows do not turn with " + "the arm";
-  for (const OrientationReading& reading : readings()) {
+  for (const MeantOrientation& reading : std::span(readings()).first(kOfSingleRows)) {
     if (std::all_of(outliers.begin(), outliers.end(), [&](const Off& off) {
           return off.row->of_target(reading).angularDistance(agreed.targets[off.target]) <= limit;
         })) {
@@ -201,9 +241,9 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
     return OrientationTrial{.said = {.cause = Cause::orientations,
                                      .message = "the measured orientations never change while the flange turns"}};
   }
-  const OrientationReading* usual = &readings().front();
+  const MeantOrientation* usual = &readings().front();
   Consensus best = consensus(rows, *usual);
-  for (const OrientationReading& reading : readings()) {
+  for (const MeantOrientation& reading : readings()) {
     Consensus other = consensus(rows, reading);
     if (other.rows > best.rows) {
       best = std::move(other);

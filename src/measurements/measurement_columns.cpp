@@ -40,6 +40,8 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
                                       {"station", &header.station},
                                       {"repeat", &header.repeat},
                                       {"order", &header.order},
+                                      {"collection", header.passed_over.data()},
+                                      {"group", &header.passed_over[1]},
                                       {"sigma", &header.sigma, length}};
   for (std::size_t form = 0; form < kOrientationForms.size(); ++form) {
     for (std::size_t i = 0; i < kOrientationForms[form].count(); ++i) {
@@ -50,7 +52,8 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
   return columns;
 }
 
-constexpr std::array kOtherNames = {Word{"name", "target"}, Word{"point", "target"}, Word{"pose", "configuration"},
+constexpr std::array kOtherNames = {Word{"name", "target"},          Word{"point", "target"},
+                                    Word{"point name", "target"},    Word{"pose", "configuration"},
                                     Word{"config", "configuration"}, Word{"anchor", "station"}};
 
 bool alike(std::string_view a, std::string_view b, bool any_case) {
@@ -154,7 +157,10 @@ private:
     if (unit) word = known_unit(*unit, cell, meaning.units, place_);
     const bool canonical = name == meaning.name && (!unit || (cell.ends_with(']') && *unit == word));
     if (units_ != nullptr) word = unit_below(index, cell, word, meaning.units);
-    if (!canonical) {
+    const auto& unused = header_.passed_over;
+    if (std::any_of(unused.begin(), unused.end(), [&](const Column& column) { return &column == meaning.column; })) {
+      header_.notes.push_back("\"" + printable(cell) + "\" passed over");
+    } else if (!canonical) {
       header_.notes.push_back("\"" + printable(cell) + "\" as " + printable(meaning.name) +
                               (word.empty() ? "" : " in " + std::string(word)));
     }
@@ -249,9 +255,10 @@ private:
       }
       header_.orientation = form;
     }
-    if (states_orientation(header_) && header_.orientation != kQuaternion) {
-      header_.notes.push_back("orientations from " + kOrientationForms[header_.orientation].words());
-    }
+    if (!states_orientation(header_) || header_.orientation == kQuaternion) return;
+    header_.reading = joints_.orientation == OrientationReading::usual ? kOrientationForms[header_.orientation].usual
+                                                                       : joints_.orientation;
+    header_.notes.push_back(orientation_note(header_));
   }
 
   // The columns of a coordinate along a direction stand together.
@@ -319,6 +326,11 @@ ValueKind kind_of_value(const ExpectedJoints& joints, std::size_t i) {
 
 std::string OrientationForm::words() const { return comma_separated({names.begin(), names.begin() + count()}); }
 
+std::string orientation_note(const Header& header) {
+  if (header.reading == OrientationReading::usual) return {};
+  return "orientations from " + kOrientationForms[header.orientation].words() + " as " + to_string(header.reading);
+}
+
 // Not the angles of orientations: joints with those names take precedence.
 std::string_view column_meaning(std::string_view name) { return translated(name, kOtherNames); }
 
@@ -367,6 +379,8 @@ bool is_unit_row(const Fields& cells) {
   return any;
 }
 
+namespace {
+
 void require_orientation_units(const Header& header, const std::string& source) {
   if (!states_orientation(header) || kOrientationForms[header.orientation].degrees_by.empty()) return;
   const OrientationForm& form = kOrientationForms[header.orientation];
@@ -380,6 +394,27 @@ void require_orientation_units(const Header& header, const std::string& source) 
   if (bare.empty()) return;
   fail(Place{source, header.line}, "no unit of " + comma_separated(bare) + ": write " + comma_separated(cures) +
                                        " as on pendants of " + std::string(form.degrees_by) + " (or [rad])");
+}
+
+}  // namespace
+
+void require_clear_orientations(const Header& header, const ExpectedJoints& joints, const std::string& source) {
+  require_orientation_units(header, source);
+  if (joints.orientation != OrientationReading::usual) {
+    if (header.reading == OrientationReading::usual) {
+      fail(Place{source, header.line}, "no three numbers of an orientation are there to be read as " +
+                                           to_string(joints.orientation) + ": expected rx, ry, rz or no --orientation");
+    }
+    return;
+  }
+  const auto& columns = header.orientations[kRotationVector];
+  const bool in_degrees =
+      std::any_of(columns.begin(), columns.end(), [](const Column& column) { return column.unit == Unit::deg; });
+  if (in_degrees && joints.content == FileContent::poses) {
+    fail(Place{source, header.line},
+         "rx, ry, rz in degrees may be a rotation vector or angles: expected --orientation fixed-xyz (Yaskawa, "
+         "Kinova), moving-xyz (Stäubli), moving-zyx or rotation-vector (UR)");
+  }
 }
 
 }  // namespace kdl_calibration

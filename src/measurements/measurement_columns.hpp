@@ -13,6 +13,7 @@
 #include "base/csv.hpp"
 #include "base/units.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration {
@@ -31,6 +32,7 @@ struct OrientationForm {
   std::array<std::string_view, 4> names;  ///< the last one is empty for three columns
   std::string_view what;
   std::string_view degrees_by;  ///< maker whose pendants show degrees: the unit is required; else empty
+  OrientationReading usual;     ///< of three columns, if none is stated
 
   std::size_t count() const { return names.back().empty() ? 3 : 4; }
   std::string words() const;  ///< "rx, ry, rz"
@@ -39,11 +41,23 @@ inline constexpr std::size_t kQuaternion = 0;
 inline constexpr std::size_t kRotationVector = 1;
 inline constexpr std::size_t kKuka = 3;
 inline constexpr std::array<OrientationForm, 5> kOrientationForms = {
-    {{.names = {"qw", "qx", "qy", "qz"}, .what = "quaternion", .degrees_by = {}},
-     {.names = {"rx", "ry", "rz", {}}, .what = "rotation vector", .degrees_by = {}},
-     {.names = {"roll", "pitch", "yaw", {}}, .what = "orientation", .degrees_by = {}},
-     {.names = {"A", "B", "C", {}}, .what = "orientation", .degrees_by = "KUKA"},
-     {.names = {"W", "P", "R", {}}, .what = "orientation", .degrees_by = "FANUC"}}};
+    {{.names = {"qw", "qx", "qy", "qz"}, .what = "quaternion", .degrees_by = {}, .usual = OrientationReading::usual},
+     {.names = {"rx", "ry", "rz", {}},
+      .what = "orientation",
+      .degrees_by = {},
+      .usual = OrientationReading::rotation_vector},
+     {.names = {"roll", "pitch", "yaw", {}},
+      .what = "orientation",
+      .degrees_by = {},
+      .usual = OrientationReading::fixed_xyz},
+     {.names = {"A", "B", "C", {}},
+      .what = "orientation",
+      .degrees_by = "KUKA",
+      .usual = OrientationReading::moving_zyx},
+     {.names = {"W", "P", "R", {}},
+      .what = "orientation",
+      .degrees_by = "FANUC",
+      .usual = OrientationReading::fixed_xyz}}};
 
 /// A row below the header with units only.
 struct UnitRow {
@@ -57,12 +71,14 @@ struct Header {
   std::vector<std::string> names;  ///< as in the file, with units, without trailing empty ones; for messages
   std::size_t fields = 0;          ///< number of fields, trailing empty ones included
   Column configuration, split, repeat, target, sigma, order, station;
+  std::array<Column, 2> passed_over;  ///< collection and group of SpatialAnalyzer
   std::array<Column, 3> position;
   std::array<Column, 3> normal;  ///< n_x, n_y, n_z: the direction of the coordinate `along`
   Column along;
   Column distance;  ///< from the point x, y, z (or the origin) of the station's frame
   /// Index of the file's orientation form in kOrientationForms; their number if it has none.
   std::size_t orientation = kOrientationForms.size();
+  OrientationReading reading = OrientationReading::usual;  ///< of three columns; `usual` for a quaternion
   std::array<std::array<Column, 4>, kOrientationForms.size()> orientations;  ///< of each form
   std::vector<Column> joints;                                                ///< in the order of the expected names
   std::vector<Column> followers;   ///< in the order of ExpectedJoints::followers, absent ones included
@@ -72,6 +88,9 @@ struct Header {
 };
 
 inline bool states_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }
+
+/// "orientations from rx, ry, rz as rotation-vector"; empty for quaternions, and if there are none.
+std::string orientation_note(const Header& header);
 
 /// What each row of a file must state.
 enum class FileContent : std::uint8_t {
@@ -89,6 +108,7 @@ struct ExpectedJoints {
   std::vector<std::size_t> followers;      ///< those that mimic another joint or have a drive outside the chain
   bool kinds_known = true;                 ///< whether the types in `joints` are valid
   FileContent content = FileContent::measurements;
+  OrientationReading orientation = OrientationReading::usual;  ///< as the user stated it
 };
 
 enum class ValueKind : std::uint8_t { unknown, angle, length };
@@ -115,7 +135,8 @@ Header parse_header(std::string_view line, const ExpectedJoints& joints, const P
 /// Whether every cell is empty, "-" or a unit, and at least one is a unit.
 bool is_unit_row(const Fields& cells);
 
-/// Throws InputError for an orientation without unit whose form requires it.
-void require_orientation_units(const Header& header, const std::string& source);
+/// Throws InputError for an orientation without unit whose form requires it, for poses whose rx, ry, rz in degrees
+/// nobody said how to read, and for a stated reading of a file without three numbers of an orientation.
+void require_clear_orientations(const Header& header, const ExpectedJoints& joints, const std::string& source);
 
 }  // namespace kdl_calibration

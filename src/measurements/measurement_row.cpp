@@ -43,6 +43,23 @@ std::errc parse_number(std::string_view text, double& value) {
   return end == last ? error : std::errc::invalid_argument;
 }
 
+// Roll, pitch and yaw of R = Rz(yaw) Ry(pitch) Rx(roll), of several solutions the nearest to `own`.
+Eigen::Vector3d roll_pitch_yaw(const Eigen::Quaterniond& R, const Eigen::Vector3d& own) {
+  constexpr double kTurn = 2.0 * std::numbers::pi;
+  // There only yaw - roll or their sum is defined to the last digit of pendants (0.0001 degrees): roll stays.
+  constexpr double kGimbalLock = 5e-7;
+  const Eigen::Matrix3d M = R.toRotationMatrix();
+  const double side = std::cos(own[1]) < 0.0 ? -1.0 : 1.0;  // of the two solutions, that on the row's side
+  const bool is_locked = std::hypot(M(2, 1), M(2, 2)) < kGimbalLock;
+  const double roll = is_locked ? own[0] : std::atan2(side * M(2, 1), side * M(2, 2));
+  const Eigen::Matrix3d rest = M * Eigen::AngleAxisd(-roll, Eigen::Vector3d::UnitX());  // Rz(yaw) Ry(pitch)
+  Eigen::Vector3d result(roll, std::atan2(-rest(2, 0), rest(2, 2)), std::atan2(-rest(0, 1), rest(1, 1)));
+  for (int i = 0; i < 3; ++i) {
+    result[i] = own[i] + std::remainder(result[i] - own[i], kTurn);
+  }
+  return result;
+}
+
 }  // namespace
 
 Row::Row(const Header& header, const Fields& fields, const Place& place, DecimalMark& decimals)
@@ -202,13 +219,14 @@ std::optional<Eigen::Quaterniond> Row::orientation() const {
   }
   if (header_.orientation == kQuaternion) return quaternion();
   const Eigen::Vector3d v = angles();
-  if (header_.orientation == kRotationVector) {
+  if (header_.reading == OrientationReading::rotation_vector) {
     return Eigen::Quaterniond(Eigen::AngleAxisd(v.norm(), v.stableNormalized())).normalized();
   }
   const Eigen::AngleAxisd about_z(v[z_first() ? 0 : 2], Eigen::Vector3d::UnitZ());
   const Eigen::AngleAxisd about_y(v[1], Eigen::Vector3d::UnitY());
   const Eigen::AngleAxisd about_x(v[z_first() ? 2 : 0], Eigen::Vector3d::UnitX());
-  return (about_z * about_y * about_x).normalized();
+  const bool x_moves_z = header_.reading == OrientationReading::moving_xyz;
+  return (x_moves_z ? about_x * about_y * about_z : about_z * about_y * about_x).normalized();
 }
 
 Eigen::Vector3d Row::angles() const {
@@ -216,35 +234,30 @@ Eigen::Vector3d Row::angles() const {
   return {angle(columns[0]), angle(columns[1]), angle(columns[2])};
 }
 
-// R = Rz(yaw) Ry(pitch) Rx(roll). KUKA's A, B, C are about z, y, x; FANUC's W, P, R about x, y, z.
-bool Row::z_first() const { return header_.orientation == kKuka; }
+// A, B, C are about z, y, x as KUKA's. All other columns are about x, y, z.
+bool Row::z_first() const { return header_.orientation == kKuka && header_.reading == OrientationReading::moving_zyx; }
 
 Eigen::Vector4d Row::orientation_numbers(const Eigen::Quaterniond& R) const {
   constexpr double kTurn = 2.0 * std::numbers::pi;
-  constexpr double kGimbalLock = 1e-12;
   if (header_.orientation == kQuaternion) {
     const double sign = R.dot(quaternion()) < 0.0 ? -1.0 : 1.0;
     return sign * Eigen::Vector4d(R.w(), R.x(), R.y(), R.z());
   }
-  Eigen::Vector4d result = Eigen::Vector4d::Zero();
+  constexpr double kSame = 1e-14;
   const Eigen::Vector3d own = angles();
-  if (header_.orientation == kRotationVector) {
+  Eigen::Vector4d result = Eigen::Vector4d::Zero();
+  if (orientation()->angularDistance(R) < kSame) {
+    result.head<3>() = own;
+  } else if (header_.reading == OrientationReading::rotation_vector) {
     const Eigen::AngleAxisd turn(R);
     const double angle = own.dot(turn.axis());
     result.head<3>() = (angle + std::remainder(turn.angle() - angle, kTurn)) * turn.axis();
-    return result;
-  }
-  const int roll = z_first() ? 2 : 0;
-  const int yaw = 2 - roll;
-  const Eigen::Matrix3d M = R.toRotationMatrix();
-  const double side = std::cos(own[1]) < 0.0 ? -1.0 : 1.0;            // of the two solutions, that on the row's side
-  const bool is_locked = std::hypot(M(2, 1), M(2, 2)) < kGimbalLock;  // then only yaw - roll or their sum is defined
-  result[roll] = is_locked ? own[roll] : std::atan2(side * M(2, 1), side * M(2, 2));
-  const Eigen::Matrix3d rest = M * Eigen::AngleAxisd(-result[roll], Eigen::Vector3d::UnitX());  // Rz(yaw) Ry(pitch)
-  result[1] = std::atan2(-rest(2, 0), rest(2, 2));
-  result[yaw] = std::atan2(-rest(0, 1), rest(1, 1));
-  for (int i = 0; i < 3; ++i) {
-    result[i] = own[i] + std::remainder(result[i] - own[i], kTurn);
+  } else if (header_.reading == OrientationReading::moving_xyz) {
+    // The inverse of Rx(a) Ry(b) Rz(c) is Rz(-c) Ry(-b) Rx(-a).
+    result.head<3>() = -roll_pitch_yaw(R.conjugate(), -own);
+  } else {
+    const Eigen::Vector3d angles = roll_pitch_yaw(R, z_first() ? Eigen::Vector3d(own.reverse()) : own);
+    result.head<3>() = z_first() ? Eigen::Vector3d(angles.reverse()) : angles;
   }
   return result;
 }

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 
+#include "measurements/point_export.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
@@ -17,16 +18,21 @@ MeasurementRows::MeasurementRows(LineReader& lines, const std::vector<MovingJoin
               chain,
               {},
               kind.kinds_known,
-              kind.content} {
+              kind.content,
+              kind.orientation} {
   for (std::size_t i = 0; i < chain.size(); ++i) {
     if (chain[i].mimic || chain[i].drive) joints_.followers.push_back(i);
   }
-  if (!next_record(lines, line_)) fail(lines.source(), "empty: " + expected_columns(joints_));
-  head_.emplace_back(line_);  // copied, because the next line may overwrite the buffer
+  std::vector<Comment> comments;
+  if (!next_record(lines, line_, &comments)) fail(lines.source(), "empty: " + expected_columns(joints_));
+  const std::optional<ExportHeader> stated = export_header(comments, line_, lines.source());
+  // Copied, because the next line may overwrite the buffer.
+  head_.push_back(stated ? stated->text : std::string(line_));
   header_ = parse_header(head_.front(), joints_, lines.place());
   // If commas separate the columns, decimal commas are refused.
   decimals_ = {.mark = header_.separator == ',' ? '.' : '\0', .line = header_.line};
-  has_first_ = next();
+  if (stated && stated->before_first) fields_.split(line_, header_.separator, lines_.place());
+  has_first_ = (stated && stated->before_first) || next();
   if (has_first_ && is_unit_row(fields_)) {
     row();  // throws if it is ragged
     head_.emplace_back(line_);
@@ -34,7 +40,7 @@ MeasurementRows::MeasurementRows(LineReader& lines, const std::vector<MovingJoin
     header_ = parse_header(head_.front(), joints_, {lines.source(), header_.line}, &units);
     has_first_ = false;
   }
-  require_orientation_units(header_, lines.source());
+  require_clear_orientations(header_, joints_, lines.source());
 }
 
 bool MeasurementRows::next() {

@@ -17,6 +17,7 @@ namespace kdl_calibration {
 struct FileKind {
   bool kinds_known = true;  ///< whether the joint types are known
   FileContent content = FileContent::measurements;
+  OrientationReading orientation = OrientationReading::usual;
 };
 
 /// The header of a measurements file, then its rows one after the other. Keeps references.

@@ -18,6 +18,7 @@
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "kdl_calibration/orientation_reading.hpp"
 #include "measurements/label_table.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurement_row.hpp"
@@ -363,8 +364,13 @@ Measurements parse_measurements(std::string_view csv, const std::vector<std::str
 
 Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention,
                                 const std::string& source) {
+  return parse_measurements(robot, csv, convention, source, OrientationReading::usual);
+}
+
+Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention,
+                                const std::string& source, OrientationReading reading) {
   LineReader lines(csv, source);
-  return collect(lines, robot.joints, convention, {});
+  return collect(lines, robot.joints, convention, {.orientation = reading});
 }
 
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
@@ -375,8 +381,13 @@ Measurements read_measurements(const std::filesystem::path& file, const std::vec
 
 Measurements read_measurements(const Robot& robot, const std::filesystem::path& file,
                                const JointConvention* convention) {
+  return read_measurements(robot, file, convention, OrientationReading::usual);
+}
+
+Measurements read_measurements(const Robot& robot, const std::filesystem::path& file, const JointConvention* convention,
+                               OrientationReading reading) {
   LineReader lines(file);
-  return collect(lines, robot.joints, convention, {});
+  return collect(lines, robot.joints, convention, {.orientation = reading});
 }
 
 Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,

@@ -1,6 +1,7 @@
 #include "measurements/program_file.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string_view>
 
 #include "base/number_text.hpp"
@@ -12,11 +13,16 @@ namespace {
 
 using Eigen::Index;
 
+bool is_same(double a, double b) {
+  constexpr double kRounding = 1e-14;
+  return std::abs(a - b) <= kRounding * std::max({1.0, std::abs(a), std::abs(b)});
+}
+
 }  // namespace
 
 ProgramFile::ProgramFile(const std::filesystem::path& file, const Robot& robot, const JointConvention* convention,
-                         FileContent content)
-    : lines_(file), rows_(lines_, robot.joints, convention, {.content = content}) {
+                         FileContent content, OrientationReading orientation)
+    : lines_(file), rows_(lines_, robot.joints, convention, {.content = content, .orientation = orientation}) {
   const Header& header = rows_.header();
   if (std::any_of(header.joints.begin(), header.joints.end(), present)) joints_ = joint_columns(header);
   columns_ = joints_;
@@ -30,15 +36,10 @@ ProgramFile::ProgramFile(const std::filesystem::path& file, const Robot& robot, 
   // One mark for all pieces: that of the first number which has one.
   decimals_ = rows_.decimals();
   LineReader lines(file);
-  for (MeasurementRows rows(lines, robot.joints, convention, {.content = content});
+  for (MeasurementRows rows(lines, robot.joints, convention, {.content = content, .orientation = orientation});
        decimals_.mark == '\0' && rows.next(); decimals_ = rows.decimals()) {
     for (const Column& column : columns_) rows.row().number(column);
   }
-}
-
-bool ProgramFile::has_rotation_vectors_in_degrees() const {
-  const Header& header = rows_.header();
-  return header.orientation == kRotationVector && header.orientations[kRotationVector].front().unit == Unit::deg;
 }
 
 std::vector<ProgramLine> ProgramFile::next(std::size_t most) {
@@ -131,8 +132,10 @@ std::string ProgramFile::text(std::span<const ProgramLine> lines, const ProgramP
     for (std::size_t field = 0; field < fields.size(); ++field) {
       if (field > 0) text += rows_.header().separator;
       const std::size_t column = column_at_[field];
-      if (column == columns_.size()) {
-        text += csv_cell(fields[field]);
+      // A number that stays keeps its digits: 90 degrees are not 89.99999999999999.
+      const bool stays = column < columns_.size() && is_same(numbers[column], row.number(columns_[column]));
+      if (stays || column == columns_.size()) {
+        text += stays ? std::string(fields[field]) : csv_cell(fields[field]);
         continue;
       }
       const std::size_t begin = text.size();

@@ -35,11 +35,11 @@ class ProgramFile {
 public:
   /// `content`: configurations or poses. Keeps references to robot and convention.
   ProgramFile(const std::filesystem::path& file, const Robot& robot, const JointConvention* convention,
-              FileContent content);
+              FileContent content, OrientationReading orientation = OrientationReading::usual);
 
   bool states_joints() const { return !joints_.empty(); }
-  /// Whether poses have columns rx, ry, rz in degrees: most controllers name angles about the axes so.
-  bool has_rotation_vectors_in_degrees() const;
+  /// See orientation_note.
+  std::string orientations() const { return orientation_note(rows_.header()); }
   /// The next rows, at most so many; none at the end.
   std::vector<ProgramLine> next(std::size_t most);
   /// The share of the file that was read, roughly.

@@ -240,6 +240,10 @@ std::vector<OptionCase> noise_options() {
        {"--point-names", "C{configuration}_{target}"},
        is_needed(),
        {"--measurements", "named.csv", "--joints-file", "joints.csv", "--urdf", kArm, "--effects", "none"}},
+      {"OrientationSaysWhatThreeNumbersAre",
+       {"--orientation", "fixed-xyz"},
+       is_contradicted_without(),
+       Words{"--measurements", "angles.csv"} + kNoEffects + kNoPriors},
       {"ExcludeLeavesAConfigurationAndAPointOut",
        {"--exclude", "2,3:B"},
        [](const Effect& effect) {
@@ -402,6 +406,7 @@ const std::map<std::string, std::string>& input_files() {
         {"controller.csv", in_controller_joints(points, kArmCoupled)},
         {"coupled.json", kArmCoupled},
         {"poses.csv", measurements_csv(measured_fanuc({.sigma = 2e-5, .orientation_sigma = 1e-4}, true, arm()))},
+        {"angles.csv", angles_csv(measured_fanuc({.sigma = 2e-5, .orientation_sigma = 1e-4}, true, arm()))},
         {"known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},
       "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})"},
         {"asked.csv", "joint_3,configuration,joint_1,joint_2\n0.3,first,0.1,0.2\n0.4,second,-0.1,0\n"},

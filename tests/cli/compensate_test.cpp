@@ -208,15 +208,40 @@ TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
   }
 }
 
-// Yaskawa and Kinova name angles about x, y and z so.
-TEST_F(Compensate, SaysThatRotationVectorsInDegreesAreNoAnglesAboutTheAxes) {
-  for (const std::string names :
-       {"Rx[deg],Ry[deg],Rz[deg]", "rx[rad],ry[rad],rz[rad]", "roll[deg],pitch[deg],yaw[deg]"}) {
-    write("p.csv", "configuration,X[mm],Y[mm],Z[mm]," + names + "\nP1,300,1500,900,1,0,2\n");
-    const Outcome outcome = run(kOfPoses + Words{"--force"});
-    EXPECT_EQ(outcome.err.find("read as a rotation vector (UR)") != std::string::npos, names.starts_with("Rx"))
-        << names;
+// Yaskawa and Kinova name angles about fixed axes so, Staubli about moving ones.
+TEST_F(Compensate, AsksWhatAnglesInDegreesAre) {
+  const auto commands = [&](const std::string& columns, const std::string& angles, const Words& options) {
+    write("p.csv", "configuration,X[mm],Y[mm],Z[mm]," + columns + "\nP1,300,1500,900," + angles + "\n");
+    return run(kOfPoses + Words{"--force", "--near", "10,0,0,0,10,0"} + options);
+  };
+  const Outcome refused = commands("Rx[deg],Ry[deg],Rz[deg]", "180,0,90", {});
+  EXPECT_EQ(refused.status, 2);
+  EXPECT_THAT(refused.err, HasSubstr("p.csv:1: rx, ry, rz in degrees may be"));
+  EXPECT_FALSE(std::filesystem::exists(directory / "o.csv"));
+  // Rz(90) Rx(180) = Rx(180) Rz(-90), a half turn about (1, 1, 0).
+  const std::vector<std::pair<std::string, std::string>> same = {
+      {"fixed-xyz", "180,0,90"},
+      {"moving-xyz", "180,0,-90"},
+      {"rotation-vector", "127.27922061357856,127.27922061357856,0"}};
+  const Outcome by_name = commands("roll[deg],pitch[deg],yaw[deg]", "180,0,90", {});
+  ASSERT_NE(by_name.status, 2) << by_name.err;
+  const Eigen::Isometry3d expected = poses_in(text_of("o.csv"))[0];
+  EXPECT_THAT(by_name.out, HasSubstr("read: orientations from roll, pitch, yaw as fixed-xyz\n"));
+  for (const auto& [word, angles] : same) {
+    const Outcome outcome = commands("Rx[deg],Ry[deg],Rz[deg]", angles, {"--orientation", word});
+    EXPECT_EQ(outcome.status, by_name.status) << outcome.err;
+    EXPECT_THAT(outcome.out, HasSubstr("read: orientations from rx, ry, rz as " + word + "\n"));
+    const std::vector<std::string> cells = cells_of(text_of("o.csv")).back();
+    const KDL::Vector v(kDegree * std::stod(cells[4]), kDegree * std::stod(cells[5]), kDegree * std::stod(cells[6]));
+    const KDL::Rotation moving = KDL::Rotation::RotX(v.x()) * KDL::Rotation::RotY(v.y()) * KDL::Rotation::RotZ(v.z());
+    const KDL::Rotation R = word == "fixed-xyz"    ? KDL::Rotation::RPY(v.x(), v.y(), v.z())
+                            : word == "moving-xyz" ? moving
+                                                   : KDL::Rotation::Rot(v, v.Norm());
+    EXPECT_TRUE(KDL::Equal(R, to_kdl(expected).M, 1e-9)) << word;
   }
+  EXPECT_THAT(commands("qw,qx,qy,qz", "0,1,0,0", {"--orientation", "fixed-xyz"}).err,
+              HasSubstr("no three numbers of an orientation are there to be read as fixed-xyz"));
+  EXPECT_THAT(commands("rx,ry,rz", "0,1,0", {"--orientation", "euler"}).err, HasSubstr("moving-zyx"));
 }
 
 TEST_F(Compensate, LeavesPosesThatTheNominalRobotDoesNotReachAsTheyAre) {

@@ -90,6 +90,34 @@ TEST_F(JoinedFilesOfATracker, AreTheRowsOfOneFile) {
   }
 }
 
+// The columns in a comment, by their order, or as a header; millimetres or metres in a comment.
+TEST_F(JoinedFilesOfATracker, ExportsOfSpatialAnalyzerAreReadAsTheyAre) {
+  const std::string names = "P{configuration}_{target}";
+  const std::string rows = "A, Robot, P2_A, 1646.5659, -492.2970, 1348.4551\nA, Robot, P1_B, 1, 2, 3\n";
+  const std::vector<std::string> files = {
+      "// SA 2019.1\n// Units: Millimeters\n\n// Collection, Group, Target, X, Y, Z\n" + rows,
+      "// Units: Millimeters\n" + rows, "// made by \"SA\nCollection, Group, Point Name, X[mm], Y[mm], Z[mm]\n" + rows,
+      "// Units: mm\n// a word, another\nCollection,Group,Point Name,X,Y,Z\n" + rows};
+  for (const std::string& file : files) {
+    const Measurements found = joined(file, names);
+    ASSERT_EQ(found.observations.size(), 2U) << file;
+    EXPECT_EQ(found.targets, (std::vector<std::string>{"A", "B"}));
+    EXPECT_EQ(found.configurations, (std::vector<std::string>{"2", "1"}));
+    EXPECT_LT((found.observations[0].position() - Eigen::Vector3d(1.6465659, -0.492297, 1.3484551)).norm(), 1e-12);
+    EXPECT_THAT(found.remark, ::testing::AllOf(HasSubstr("ollection\" passed over"), HasSubstr("roup\" passed over")));
+  }
+  const Measurements metres = joined("// Units: Meters\nA,G,P1_A,1.5,2,3\n// the end\n", names);
+  EXPECT_EQ(metres.observations[0].position(), Eigen::Vector3d(1.5, 2.0, 3.0));
+  const std::vector<std::pair<std::string, std::string>> refused = {
+      {"// SA\n// Units: Inches\n" + rows, "p.csv:2: unit 'Inches' is not read: expected Millimeters or Meters"},
+      {"// Units: Millimeters\n\nA, Robot, base, 1, 2, 3\n", "p.csv:3: point 'base'"},
+      {"// Units: Millimeters\nA, Robot, P9_A, 1, 2, 3\nA, Robot, P99_A, 1, 2, 3\n", "p.csv:3: configuration '99'"},
+      {"// SA\nA, P1_A, 1, 2, 3\n", "p.csv:2: expected a column 'name'"}};
+  for (const auto& [file, words] : refused) {
+    EXPECT_THAT(refusal([&, &file = file] { joined(file, names); }), HasSubstr(words)) << file;
+  }
+}
+
 TEST_F(JoinedFilesOfATracker, AColumnNamesTheConfigurationAsWell) {
   const Measurements found = joined("pose,point,x,y,z,sigma\n,,mm,mm,mm,mm\n2,A,1,2,3,0.5\n\n1,B,4,5,6,0.5\n", "");
   EXPECT_EQ(found.configurations, (std::vector<std::string>{"2", "1"}));
@@ -106,16 +134,17 @@ TEST_F(JoinedFilesOfATracker, WhatDoesNotFitIsRefusedByFileAndLine) {
     std::string names;
     const char* words;
   };
-  const std::vector<Case> cases = {{"name,x,y,z\nC1_A,1,2,3\nbase,1,2,3\n", names, "p.csv:3: point 'base'"},
-                                   {"name,x,y,z\n\nC99_A,1,2,3\n", names, "p.csv:3: configuration '99'"},
-                                   {"name,x,y,z\n\nC1_A,1,a,3\n", names, "p.csv:3"},
-                                   {"name,x,y,z\nC_A,1,2,3\n", names, "p.csv:2: point 'C_A'"},
-                                   {"name,x,y,z\nC1_,1,2,3\n", names, "p.csv:2: point 'C1_'"},
-                                   {"x,y,z\n1,2,3\n", names, "p.csv:1: expected a column 'name'"},
-                                   {"configuration,name,x,y,z\n1,C1_A,1,2,3\n", names, "no column 'configuration'"},
-                                   {"name,x,y,z\nC1_A,1,2,3\n", "", "or --point-names"},
-                                   {"name,x,y,z\nC1_A,1,2,3\n", "{target}", "such as C{configuration}_{target}"},
-                                   {"name,x,y,z\nC1_A,1,2,3\n", "{target}{configuration}", "between the two"}};
+  const std::vector<Case> cases = {
+      {"name,x,y,z\nC1_A,1,2,3\nbase,1,2,3\n", names, "p.csv:3: point 'base'"},
+      {"name,x,y,z\n\nC99_A,1,2,3\n", names, "p.csv:3: configuration '99' has no joint values, expected a configuration of "},
+      {"name,x,y,z\n\nC1_A,1,a,3\n", names, "p.csv:3"},
+      {"name,x,y,z\nC_A,1,2,3\n", names, "p.csv:2: point 'C_A'"},
+      {"name,x,y,z\nC1_,1,2,3\n", names, "p.csv:2: point 'C1_'"},
+      {"x,y,z\n1,2,3\n", names, "p.csv:1: expected a column 'name'"},
+      {"configuration,name,x,y,z\n1,C1_A,1,2,3\n", names, "no column 'configuration'"},
+      {"name,x,y,z\nC1_A,1,2,3\n", "", "or --point-names"},
+      {"name,x,y,z\nC1_A,1,2,3\n", "{target}", "such as C{configuration}_{target}"},
+      {"name,x,y,z\nC1_A,1,2,3\n", "{target}{configuration}", "between the two"}};
   for (const Case& each : cases) {
     EXPECT_THAT(refusal([&] { joined(each.points, each.names); }), HasSubstr(each.words)) << each.points;
   }

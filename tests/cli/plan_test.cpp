@@ -136,6 +136,13 @@ std::vector<OptionCase> number_options() {
                     labels.insert(measured.configurations.begin(), measured.configurations.end());
                     EXPECT_EQ(labels.size(), 8U + measured.configurations.size()) << "a label is taken";
                   })},
+      {"OrientationSaysWhatThreeNumbersAre",
+       {"--orientation", "fixed-xyz"},
+       [](const Effect& effect) {
+         EXPECT_EQ(effect.with.outcome.status, 0) << effect.with.outcome.err;
+         EXPECT_NE(at(effect.with.json, kMean), at(effect.without.json, kMean));
+       },
+       {"--measured", "angles.csv"}},
       {"AddIsHowManyMore", {"--add", "5"}, counts("/configurations", 30, 5), {"--measured", "m.csv"}},
       {"AccuracyIsReachedWithAsFewAsPossible",
        {"--accuracy", "0.04"},
@@ -362,6 +369,7 @@ const std::map<std::string, std::string>& input_files() {
        R"({"targets": [{"name": "1", "position": [0, 0, 0]}, {"name": "2", "position": [0.1, 0, 0]}]})"},
       {"coupled.json", kArmCoupled},
       {"m.csv", measurements_csv(measured_fanuc({.sigma = 3e-5}, false, arm()))},
+      {"angles.csv", angles_csv(measured_fanuc({.sigma = 3e-5, .orientation_sigma = 1e-4}, true, arm()))},
       {"targets.json", R"({"targets": [{"name": "P", "position": [0.1, 0.2, 0], "facing": [0, 1, 0]},
     {"name": "Q", "position": [-0.1, 0.2, 0.1]}]})"},
       {"tasks.csv", "joint_1[deg],joint_2[deg],joint_3[deg]\n10,20,-30\n-20,0,10\n"}};

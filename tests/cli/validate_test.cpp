@@ -90,6 +90,10 @@ std::vector<OptionCase> validate_options() {
        {"--point-names", "C{configuration}_{target}"},
        is_needed(),
        {"--measurements", "named.csv", "--joints-file", "joints.csv"}},
+      {"OrientationSaysWhatThreeNumbersAre",
+       {"--orientation", "fixed-xyz"},
+       is_contradicted_without(),
+       {"--measurements", "angles.csv"}},
       {"ExcludeLeavesAConfigurationAndAPointOut",
        {"--exclude", "2,3:B"},
        [](const Effect& effect) {
@@ -176,6 +180,7 @@ TEST_P(ValidateOption, HasItsEffectAndNoOther) {
   write("named.csv", points_csv(measured, true));
   write("old.html", "old");
   write("controller.csv", in_controller_joints(measured, kFanucCoupled));
+  write("angles.csv", angles_csv(measured_fanuc({.sigma = 2e-5, .orientation_sigma = 1e-4}, true)));
   write("coupled.json", kFanucCoupled);
   write("known.json", R"({"base": {"position": [2.001, 1.0, 0.502], "quaternion_wxyz": [0.6, 0, 0, 0.8]},
     "targets": [{"name": "A", "position": [0.1, 0.001, 0]}, {"name": "B", "position": [0, 0, 0.1]}]})");

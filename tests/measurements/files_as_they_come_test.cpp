@@ -136,14 +136,14 @@ std::vector<File> pendants() {
        "1,T,1,-2,3,-4,5,-6,1500,20,900,90,0,90\n2,T,1,-2,3,-4,5,-7,1500,20,900,0,90,90\n",
        kFanuc + ",qw,qx,qy,qz\n1,T,1,-2,3,-4,5,-6,1500,20,900,.5,.5,.5,.5\n2,T,1,-2,3,-4,5,-7,1500,20,900,.5,-.5,."
                 "5,.5\n",
-       "orientations from W, P, R"},
+       "orientations from W, P, R as fixed-xyz"},
       {"FANUC, a row of units", Arm::fanuc,
        "configuration\ttarget\tj1\tJ2\tJ3\tJ4\tJ5\tJ6\tX\tY\tZ\tW\tP\tR\n\t\tdeg\tdeg\tdeg\tdeg\tdeg\tdeg\tmm\tmm\t"
        "mm\t"
        "deg\tdeg\tdeg\n1\tT\t1\t-2\t3\t-4\t5\t-6\t1500\t20\t900\t180\t0\t0\n1\tS\t1\t-2\t3\t-4\t5\t-"
        "6\t1500\t0\t0\t\t\t\n",
        kFanuc + ",qw,qx,qy,qz\n1,T,1,-2,3,-4,5,-6,1500,20,900,0,1,0,0\n1,S,1,-2,3,-4,5,-6,1500,0,0,,,,\n",
-       "tabs, units in line 2, " + fanuc_joints + ", orientations from W, P, R"},
+       "tabs, units in line 2, " + fanuc_joints + ", orientations from W, P, R as fixed-xyz"},
       {"FANUC, joints alone", Arm::fanuc,
        "pose;target;J1 [\xc2\xb0];J2 [\xc2\xb0];J3 [\xc2\xb0];J4 [\xc2\xb0];J5 [\xc2\xb0];J6 "
        "[\xc2\xb0];x[mm];y[mm];"
@@ -158,12 +158,12 @@ std::vector<File> pendants() {
        "configuration,target,A1[deg],A2[deg],x[mm],y[mm],z[mm],qw,qx,qy,qz\n1,T,1.5,-2,1500,20,900,.5,.5,.5,.5\n"
        "2,T,1.5,-3,1500,20,900,.5,-.5,.5,.5\n3,T,1.5,-4,1500,20,900," +
            kHalf + ",0,-" + kHalf + ",0\n",
-       "decimal commas, orientations from A, B, C"},
+       "decimal commas, orientations from A, B, C as moving-zyx"},
       {"KUKA in radians, small letters", Arm::kuka,
        "configuration,target,a1,a2,x,y,z,a[rad],b[rad],c[rad]\n1,T,1,2,3,4,5," + kQuarterTurn + ",0,0\n",
        "configuration,target,A1,A2,x,y,z,qw,qx,qy,qz\n1,T,1,2,3,4,5," + kHalf + ",0,0," + kHalf + "\n",
        R"~("a1" as A1, "a2" as A2, "a[rad]" as A in rad, "b[rad]" as B in rad, "c[rad]" as C in rad, )~"
-       "orientations from A, B, C"},
+       "orientations from A, B, C as moving-zyx"},
       {"UR", Arm::ur,
        "configuration,target,shoulder_pan_joint,elbow_joint,x,y,z,rx,ry,rz\n"
        "1,tcp,0.5,-1,0.3,0.4,0.5,0,0,-" +
@@ -173,20 +173,20 @@ std::vector<File> pendants() {
        kUr + "1,tcp,0.5,-1,0.3,0.4,0.5," + kHalf + ",0,0,-" + kHalf +
            "\n2,tcp,0.6,-1,0.3,0.4,0.5,.5,.5,.5,.5\n3,tcp,0.7,-1,0.3,0.4,0.5,1,0,0,0\n"
            "4,tcp,0.8,-1,0.3,0.4,0.5,0,0,1,0\n",
-       "orientations from rx, ry, rz"},
+       "orientations from rx, ry, rz as rotation-vector"},
       {"UR in degrees", Arm::ur,
        "configuration,target,shoulder_pan_joint,elbow_joint,x,y,z,RX[deg],ry[deg],rz[deg]\n1,A,1,2,3,4,5,90,0,0\n",
        kUr + "1,A,1,2,3,4,5," + kHalf + "," + kHalf + ",0,0\n",
-       R"~("RX[deg]" as rx in deg, orientations from rx, ry, rz)~"},
+       R"~("RX[deg]" as rx in deg, orientations from rx, ry, rz as rotation-vector)~"},
       {"angles about fixed axes as a URDF's, first x", Arm::ur,
        "configuration,target,shoulder_pan_joint,elbow_joint,x,y,z,Roll,pitch,yaw\n1,A,1,2,3,4,5," + kQuarterTurn +
            ",0," + kQuarterTurn + "\n2,A,1,3,3,4,5,0," + kQuarterTurn + "," + kQuarterTurn + "\n",
        kUr + "1,A,1,2,3,4,5,.5,.5,.5,.5\n2,A,1,3,3,4,5,.5,-.5,.5,.5\n",
-       R"~("Roll" as roll, orientations from roll, pitch, yaw)~"},
+       R"~("Roll" as roll, orientations from roll, pitch, yaw as fixed-xyz)~"},
       {"the same with a row of units", Arm::ur,
        "configuration,target,shoulder_pan_joint,elbow_joint,x,y,z,roll,pitch,yaw\n,,,,m,m,m,deg,deg,deg\n"
        "1,A,1,2,3,4,5,90,0,90\n1,B,1,2,3,4,5,,,\n",
-       kUr + "1,A,1,2,3,4,5,.5,.5,.5,.5\n1,B,1,2,3,4,5,,,,\n", "units in line 2, orientations from roll, pitch, yaw"},
+       kUr + "1,A,1,2,3,4,5,.5,.5,.5,.5\n1,B,1,2,3,4,5,,,,\n", "units in line 2, orientations from roll, pitch, yaw as fixed-xyz"},
   };
 }
 
@@ -274,7 +274,7 @@ TEST(FilesAsTheyCome, AreRefusedWithTheCureWhereTheyMayMeanTwoThings) {
        "m.csv:1: columns 'RX' and 'roll' state orientations in two forms: expected either rx, ry, rz or roll, pitch, "
        "yaw"},
       {commas + ",rx,ry,rz\nc,A,1,2,3,4,5,0,,0\n",
-       "m.csv:2: the rotation vector has an empty cell: expected all of rx, ry, rz or none"},
+       "m.csv:2: the orientation has an empty cell: expected all of rx, ry, rz or none"},
       {commas + ",roll,pitch,yaw\nc,A,1,2,3,4,5,,,0\n",
        "m.csv:2: the orientation has an empty cell: expected all of roll, pitch, yaw or none"},
       {commas + ",RX,ry,rz\nc,A,1,2,3,4,5,0,0,0\nc,B,1,2,3,4,5,-90,0,0\n",

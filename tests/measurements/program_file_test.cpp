@@ -31,10 +31,11 @@ protected:
     return fanuc;
   }
 
-  ProgramFile opened(const std::string& text, FileContent content = FileContent::poses) {
+  ProgramFile opened(const std::string& text, FileContent content = FileContent::poses,
+                     OrientationReading orientation = OrientationReading::usual) {
     file_ = std::filesystem::temp_directory_path() / ("program_file_test_" + std::to_string(::getpid()) + ".csv");
     std::ofstream(file_, std::ios::binary) << text;
-    return {file_, robot(), nullptr, content};
+    return {file_, robot(), nullptr, content, orientation};
   }
   ~Program() override { std::filesystem::remove(file_); }
 
@@ -109,6 +110,62 @@ TEST_F(Program, KeepsTheNumbersOfAnOrientationThatStays) {
       EXPECT_NEAR(written[i], asked[i], 1e-7) << line.text;
     }
   }
+}
+
+// Half turns, a lock of each form, and angles over more than a turn.
+TEST_F(Program, StatesOtherPosesInEachReadingAsNearAsPossible) {
+  const std::string rows = "1,2,3,180,0,90\n1,2,3,-170,90,20\n1,2,3,30,-89.9999,400\n1,2,3,10,100,-20\n1,2,3,1,2,3\n";
+  Random random(2);
+  for (const std::string columns : {"rx[deg],ry[deg],rz[deg]", "A[deg],B[deg],C[deg]"}) {
+    for (const std::string& word : orientation_words()) {
+      const std::string head = "x,y,z," + columns + "\n";
+      const auto read = [&](const std::string& text) {
+        return opened(head + text, FileContent::poses, orientation_reading(word));
+      };
+      ProgramFile file = read(rows);
+      const std::vector<ProgramLine> lines = file.next(100);
+      const ProgramPoints asked = file.points(lines);
+      EXPECT_EQ(file.text(lines, asked), rows) << columns << word;
+      ProgramPoints commanded = asked;
+      for (Eigen::Isometry3d& pose : commanded.poses) {
+        pose.linear() = near(Eigen::Quaterniond(pose.linear()), random, 1e-3).toRotationMatrix();
+      }
+      ProgramFile again = read(file.text(lines, commanded));
+      const std::vector<ProgramLine> written = again.next(100);
+      const ProgramPoints found = again.points(written);
+      for (std::size_t i = 0; i < lines.size(); ++i) {
+        EXPECT_LT((found.poses[i].matrix() - commanded.poses[i].matrix()).norm(), 1e-13) << word << written[i].text;
+      }
+    }
+  }
+}
+
+// A KUKA at B = 90 degrees: A and C describe the same turn. One below the pendant's last digit leaves them alone.
+TEST_F(Program, KeepsTheSplitOfAnglesAtTheLock) {
+  ProgramFile file = opened("x,y,z,A[deg],B[deg],C[deg]\n1,2,3,30,90,-40\n");
+  const std::vector<ProgramLine> lines = file.next(1);
+  ProgramPoints points = file.points(lines);
+  points.poses[0].linear() =
+      (Eigen::Quaterniond(points.poses[0].linear()) * Eigen::AngleAxisd(4e-7, Eigen::Vector3d(0.6, 0.0, 0.8)))
+          .toRotationMatrix();
+  std::istringstream cells(file.text(lines, points));
+  const std::vector<double> asked = {1, 2, 3, 30, 90, -40};
+  for (const double value : asked) {
+    std::string cell;
+    std::getline(cells, cell, ',');
+    EXPECT_NEAR(std::stod(cell), value, 1e-4);
+  }
+}
+
+TEST_F(Program, RefusesAnglesInDegreesThatMayBeSeveralThings) {
+  const std::string text = "x,y,z,Rx[deg],Ry[deg],Rz[deg]\n1,2,3,180,0,90\n";
+  EXPECT_THAT(fault(text), HasSubstr(":1: rx, ry, rz in degrees may be a rotation vector or angles: expected "
+                                     "--orientation fixed-xyz (Yaskawa, Kinova), moving-xyz"));
+  EXPECT_THAT(fault("x,y,z,rx,ry,rz\n,,,rad,rad,deg\n1,2,3,1,0,9\n"), HasSubstr("--orientation"));
+  EXPECT_EQ(opened("x,y,z,rx,ry,rz\n1,2,3,1,0,1\n").orientations(), "orientations from rx, ry, rz as rotation-vector");
+  EXPECT_EQ(opened(text, FileContent::poses, OrientationReading::fixed_xyz).orientations(),
+            "orientations from rx, ry, rz as fixed-xyz");
+  EXPECT_EQ(opened("x,y,z,qw,qx,qy,qz\n1,2,3,1,0,0,0\n").orientations(), "");
 }
 
 TEST_F(Program, HasPointsThatDoNotDependOnThePieces) {
