@@ -363,9 +363,7 @@ ExitStatus run(const CompensateArguments& arguments) {
     const std::string orientations = compensation.orientations();
     if (arguments.json) {
       Json json = compensation.summary().json();
-      if (!orientations.empty()) {
-        json["read"] = orientations;
-      }
+      json["read"] = orientations.empty() ? Json() : Json(orientations);
       return json_text(json);
     }
     const bool of_links = !arguments.poses.empty() && arguments.frames.empty();

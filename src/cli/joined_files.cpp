@@ -21,7 +21,6 @@ namespace {
 
 constexpr std::string_view kConfiguration = "{configuration}";
 constexpr std::string_view kTarget = "{target}";
-constexpr std::size_t kMostLabels = 200;  // [bytes] in a message
 
 struct PointName {
   std::string configuration;

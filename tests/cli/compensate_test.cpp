@@ -239,6 +239,9 @@ TEST_F(Compensate, AsksWhatAnglesInDegreesAre) {
                                                    : KDL::Rotation::Rot(v, v.Norm());
     EXPECT_TRUE(KDL::Equal(R, to_kdl(expected).M, 1e-9)) << word;
   }
+  EXPECT_EQ(Json::parse(commands("rx,ry,rz", "0,1,0", {"--json"}).out)["read"],
+            "orientations from rx, ry, rz as rotation-vector");
+  EXPECT_TRUE(Json::parse(commands("qw,qx,qy,qz", "0,1,0,0", {"--json"}).out)["read"].is_null());
   EXPECT_THAT(commands("qw,qx,qy,qz", "0,1,0,0", {"--orientation", "fixed-xyz"}).err,
               HasSubstr("no three numbers of an orientation are there to be read as fixed-xyz"));
   EXPECT_THAT(commands("rx,ry,rz", "0,1,0", {"--orientation", "euler"}).err, HasSubstr("moving-zyx"));

@@ -186,7 +186,8 @@ std::vector<File> pendants() {
       {"the same with a row of units", Arm::ur,
        "configuration,target,shoulder_pan_joint,elbow_joint,x,y,z,roll,pitch,yaw\n,,,,m,m,m,deg,deg,deg\n"
        "1,A,1,2,3,4,5,90,0,90\n1,B,1,2,3,4,5,,,\n",
-       kUr + "1,A,1,2,3,4,5,.5,.5,.5,.5\n1,B,1,2,3,4,5,,,,\n", "units in line 2, orientations from roll, pitch, yaw as fixed-xyz"},
+       kUr + "1,A,1,2,3,4,5,.5,.5,.5,.5\n1,B,1,2,3,4,5,,,,\n",
+       "units in line 2, orientations from roll, pitch, yaw as fixed-xyz"},
   };
 }
 
