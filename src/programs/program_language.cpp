@@ -8,6 +8,7 @@
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/ls_program.hpp"
+#include "programs/rapid_program.hpp"
 #include "programs/ur_program.hpp"
 
 namespace kdl_calibration {
@@ -24,7 +25,7 @@ std::string all_languages() {
 }  // namespace
 
 const std::vector<const ProgramLanguage*>& program_languages() {
-  static const std::vector<const ProgramLanguage*> languages = {&fanuc_ls(), &ur_script()};
+  static const std::vector<const ProgramLanguage*> languages = {&fanuc_ls(), &ur_script(), &abb_rapid()};
   return languages;
 }
 
