@@ -221,7 +221,7 @@ void ProgramBuilder::read(const Instruction& instruction) {
 
 void ProgramBuilder::motion(const Instruction& at, const MotionKind& kind) {
   std::vector<const Argument*> arguments;  // without options
-  bool is_known = !kind.stops_on_signal;
+  bool is_known = !kind.stops_on_signal && !remarks_.add_instruction(at.name, at.file, at.line);
   for (const Argument& argument : at.arguments) {
     if (argument.option.empty()) {
       arguments.push_back(&argument);

@@ -452,6 +452,7 @@ TEST(RapidProgram, SaysWhatTheControllerDecides) {
       {p, "DropWObj w;\n" + move, "DropWObj" + conveyor, 1},
       {p, "CorrCon id;\n" + move, "CorrCon" + off_path, 1},
       {p, "MoveL p,v1,fine,tool0\\Corr;\n", "\\Corr" + off_path, 1},
+      {p, "FCPressL p,v1,150,fine,tool0;\n", "FCPressL" + off_path, 1},
       {p, "SoftAct 3,90;\n" + move, "SoftAct makes the arm soft: it yields from where it is commanded: 4", 1},
       {p, "SearchL\\Stop,di1\\PosFlank,found,p,v1,tool0;\n",
        "a search stops where its signal comes: its end is compensated, not the place that it finds: 4", 1},
