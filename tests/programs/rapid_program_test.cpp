@@ -470,6 +470,15 @@ TEST(RapidProgram, SaysWhatTheControllerDecides) {
     EXPECT_THAT(remarks(program), ElementsAre(row.expected)) << row.statements;
     EXPECT_THAT(program.points, SizeIs(row.points)) << row.statements;
   }
+  // A motion to a target that the program sets, though it has a value before.
+  const Program set = parsed(module(replaced(p, "CONST", "PERS"), "MoveL p,v1,fine,tool0;\np:=CRobT();\n"));
+  EXPECT_THAT(remarks(set), UnorderedElementsAre("a robtarget or jointtarget is set at run time: left as it is: 2",
+                                                 "a target that is set at run time" + unknown));
+  // One of the arm's own that moves external axes as well.
+  const Program both = parsed(module("CONST jointtarget j:=[[1,2,3,4,5,6],[90,9E9,9E9,9E9,9E9,9E9]];\n",
+                                     "MoveExtJ j,vrot10,fine;\nMoveAbsJ j,v1,fine,tool0;\n"));
+  EXPECT_THAT(names(both), ElementsAre("j"));
+  EXPECT_THAT(both.motions, SizeIs(1));
   // A motion whose end is moved is not known, but its base is a place of this tool.
   const Program offset = parsed(module(p, rows[0].statements));
   EXPECT_FALSE(offset.motions.at(0).point || offset.motions.at(0).is_known);
