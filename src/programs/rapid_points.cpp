@@ -75,7 +75,8 @@ private:
 
   void complete(Place& place);
   std::optional<Left> left(std::size_t place) const;
-  static std::optional<ArmBranch> branch(const Place& place, const Use& use);
+  bool states_branch(const Place& place, const Use& use) const;
+  static ArmBranch branch(const Configuration& configuration);
   void add_points();
 
   const std::vector<ProgramText>& texts_;
@@ -85,6 +86,7 @@ private:
   std::vector<Use> uses_;                   // of each place
   std::vector<bool> is_assigned_;           // each place, at run time
   std::map<const Datum*, Use> array_uses_;  // of elements whose index is computed
+  bool has_one_configuration_ = true;       // all robtargets whose motions do not check it
   std::vector<std::size_t> same_frame_;     // of each frame the first one with the same pose
   std::map<std::pair<bool, std::string>, std::size_t> frames_outside_;
   BranchCheck joint_check_;
@@ -211,8 +213,8 @@ void ProgramBuilder::read(const Instruction& instruction) {
   }
   const bool is_off = joint_check_.read(instruction);
   if (line_check_.read(instruction) || is_off) {
-    remarks_.add(fmt::format("{} \\Off lets the controller choose joint values next to where the arm is: confdata of "
-                             "zeros is taken as not stated",
+    remarks_.add(fmt::format("{} \\Off lets the controller choose joint values next to where the arm is: confdata that "
+                             "is zero, or the same for all robtargets, is not used",
                              is_off ? "ConfJ" : "ConfL"),
                  instruction.file, instruction.line);
   }
@@ -370,14 +372,15 @@ std::optional<Left> ProgramBuilder::left(std::size_t index) const {
   return place.has_orientation ? std::nullopt : std::optional(Left::no_orientation);
 }
 
+// Without the check the controller ignores confdata. Offline systems then write zeros, or the same for all targets.
+bool ProgramBuilder::states_branch(const Place& place, const Use& use) const {
+  return use.checks_branch || (*place.configuration != Configuration() && !has_one_configuration_);
+}
+
 // The quadrants tell both solutions of the shoulder and of the wrist apart, which are half a turn of axis 1, or of axes
 // 4 and 6, from each other. An IRB 1400, 2400, 3400, 4400 or 6400 has no cfx and writes 0 whatever they are: a 0 says
 // no more than that the elbow is as usual. An IRB 5400 writes the quadrant of axis 5, which may be negative.
-std::optional<ArmBranch> ProgramBuilder::branch(const Place& place, const Use& use) {
-  const Configuration& configuration = *place.configuration;
-  if (!use.checks_branch && configuration == Configuration()) {
-    return std::nullopt;
-  }
+ArmBranch ProgramBuilder::branch(const Configuration& configuration) {
   constexpr int kMost = 7;
   constexpr unsigned kNegativeWrist = 1;
   constexpr unsigned kBehindLowerArm = 2;
@@ -400,11 +403,19 @@ std::optional<ArmBranch> ProgramBuilder::branch(const Place& place, const Use& u
 }
 
 void ProgramBuilder::add_points() {
+  const Configuration* first = nullptr;
+  for (std::size_t i = 0; i < modules_.places.size(); ++i) {
+    Place& place = modules_.places[i];
+    complete(place);
+    if (place.configuration && uses_[i].moves_arm && !uses_[i].checks_branch) {
+      first = first == nullptr ? &*place.configuration : first;
+      has_one_configuration_ = has_one_configuration_ && *place.configuration == *first;
+    }
+  }
   std::vector<std::optional<std::size_t>> points(modules_.places.size());
   for (std::size_t i = 0; i < modules_.places.size(); ++i) {
     Place& place = modules_.places[i];
     const Use& use = uses_[i];
-    complete(place);
     if (const std::optional<Left> because = left(i)) {
       remarks_.add(*because, place.point.file, place.point.line);
       continue;
@@ -414,7 +425,7 @@ void ProgramBuilder::add_points() {
     if (point.notation != PointNotation::joints) {
       point.tool_frame = modules_.frames[*use.tool].key;
       point.user_frame = modules_.frames[*use.object].key;
-      point.branch = branch(place, use);
+      point.branch = states_branch(place, use) ? std::optional(branch(*place.configuration)) : std::nullopt;
     } else if (use.tool && !use.has_several && !use.has_unknown &&
                program_.frames.tool.contains(modules_.frames[*use.tool].key)) {
       point.tool_frame = modules_.frames[*use.tool].key;

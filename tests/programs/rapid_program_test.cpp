@@ -110,8 +110,8 @@ const std::string kStation =
     "    WHILE n < 3 DO Incr n; ENDWHILE\n    FOR i FROM 1 TO 3 DO\n      MoveJ "
     "cube{2}\\ID:=7,v10,z1,pen\\WObj:=Table;\n"
     "    ENDFOR\n    MoveAbsJ [[0,-10.5,0,0,90,-30],[9E9,9E9,9E9,9E9,9E9,9E9]]\\NoEOffs,vmax,fine,pen;\n"  // 31
-    "    TPWrite \"a \"\"quoted\"\" text; \"\\Num:=n;\n    %\"Rout\"+ValToStr(n)%;\n    <SMT>\n"
-    "    next: GOTO next;\n    RETURN start;\n  ERROR (ERR_WHLSEARCH)\n    TRYNEXT;\n  ENDFUNC\nENDMODULE\n";
+    "    TPWrite \"a \"\"quoted\"\" text; \"\\Num:=n;\n    %\"Rout\"+ValToStr(n)%;\n"
+    "    next: GOTO next;\n    RETURN start;\n  ERROR (ERR_WHLSEARCH)\n    TRYNEXT;\n    <SMT>\n  ENDFUNC\nENDMODULE\n";
 
 TEST(RapidProgram, ReadsPointsMotionsAndFramesOfAModule) {
   const Program program = parsed(kStation);
@@ -135,6 +135,7 @@ TEST(RapidProgram, ReadsPointsMotionsAndFramesOfAModule) {
   EXPECT_EQ(joints.notation, PointNotation::joints);
   EXPECT_THAT(values(joints.fields), ElementsAre(0, -10.5, 0, 0, 90, -30));
   EXPECT_FALSE(joints.branch);
+  EXPECT_EQ(joints.tool_frame, "pen");
   EXPECT_THAT(program.remarks, IsEmpty());
 
   std::vector<std::string> motions;
@@ -250,7 +251,7 @@ TEST(RapidProgram, NumbersTheQuadrantsOfJointValues) {
   EXPECT_THAT(turns(-1e-13, 0.0, -360.0), ElementsAre(0, 0, -4));
 }
 
-TEST(RapidProgram, TakesZerosAsNoConfigurationWhileConfLIsOff) {
+TEST(RapidProgram, TakesPlaceholdersAsNoConfigurationWhileConfLIsOff) {
   const std::string text = module("", "ConfL \\Off;\nMoveL " + target() + ",v10,fine,tool0;\nMoveL " +
                                           target("0,0,-1,0") + ",v10,fine,tool0;\nMoveJ " + target() +
                                           ",v10,fine,tool0;\nConfL \\On;\nMoveL " + target() + ",v10,fine,tool0;\n");
@@ -262,6 +263,14 @@ TEST(RapidProgram, TakesZerosAsNoConfigurationWhileConfLIsOff) {
   EXPECT_THAT(has_branch, ElementsAre(false, true, true, true));
   EXPECT_THAT(remarks(program),
               ElementsAre(AllOf(StartsWith("ConfL \\Off lets the controller choose"), HasSubstr(": 3"))));
+  // The same for all is what an offline system writes that does not know the arm.
+  const auto has_branches = [](const std::string& first, const std::string& second) {
+    const Program each = parsed(module("", "ConfL\\Off;\nMoveL " + target(first) + ",v10,fine,tool0;\nMoveL " +
+                                               target(second) + ",v10,fine,tool0;\n"));
+    return std::pair(each.points.at(0).branch.has_value(), each.points.at(1).branch.has_value());
+  };
+  EXPECT_EQ(has_branches("0,-1,-1,0", "0,-1,-1,0"), std::pair(false, false));
+  EXPECT_EQ(has_branches("0,-1,-1,0", "0,-1,-1,1"), std::pair(true, true));
   // A routine that stands before the one that turns the check off.
   const Program before =
       parsed(module("PROC work()\nMoveJ " + target() + ",v10,fine,tool0;\nENDPROC\n", "ConfJ\\Off;\nwork;\n"));
@@ -289,6 +298,13 @@ TEST(RapidProgram, FindsDataByScopeAndWithoutRegardToCase) {
   }
   EXPECT_THAT(quadrants, ElementsAre(2, 1, 4, 3));
   EXPECT_THAT(program.remarks, IsEmpty());
+  // LOCAL data of a module, and data of a routine, are not known elsewhere.
+  const Program hidden =
+      parsed("MODULE a\nLOCAL CONST robtarget p:=" + target() + ";\nPROC one()\nCONST robtarget q:=" + target() +
+             ";\nENDPROC\nENDMODULE\nMODULE b\nPROC two()\nMoveJ p,v10,fine,tool0;\nMoveJ "
+             "q,v10,fine,tool0;\nENDPROC\nENDMODULE\n");
+  EXPECT_THAT(remarks(hidden),
+              ::testing::Contains(AllOf(StartsWith("a target that the text does not declare"), HasSubstr(": 9 10"))));
 }
 
 TEST(RapidProgram, ReadsSeveralFiles) {
@@ -419,6 +435,10 @@ TEST(RapidProgram, SaysWhyARobtargetIsLeft) {
        "the quaternion of a robtarget is far from norm 1: left as it is: 2"},
       {"CONST robtarget p:=[[x0+5,0,0],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n", "MoveL p,v1,fine,tool0;\n",
        "a robtarget or jointtarget is made of other data or computed: left as it is: 2"},
+      {"CONST robtarget p:=[[- 5,0,0],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n", "MoveL p,v1,fine,tool0;\n",
+       "a robtarget or jointtarget is made of other data or computed: left as it is: 2"},
+      {"CONST robtarget p:=[[0x10,0,0],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n", "MoveL p,v1,fine,tool0;\n",
+       "a robtarget or jointtarget is made of other data or computed: left as it is: 2"},
       {"CONST robtarget p:=[[0,0,0],[1,0,0,0],conf,[9E9,9E9,9E9,9E9,9E9,9E9]];\n", "MoveL p,v1,fine,tool0;\n",
        "a robtarget or jointtarget is made of other data or computed: left as it is: 2"},
   };
@@ -483,8 +503,8 @@ TEST(RapidProgram, SaysWhatTheControllerDecides) {
   const Program offset = parsed(module(p, rows[0].statements));
   EXPECT_FALSE(offset.motions.at(0).point || offset.motions.at(0).is_known);
   EXPECT_EQ(offset.points.at(0).tool_frame, "tool0");
-  const Program parameter =
-      parsed("MODULE m\nPROC go(robtarget to,\\PERS wobjdata w)\nMoveL to,v1,fine,tool0;\nENDPROC\nENDMODULE");
+  const Program parameter = parsed(
+      "MODULE m\nPROC go(robtarget to \\switch fast|\\PERS wobjdata w)\nMoveL to,v1,fine,tool0;\nENDPROC\nENDMODULE");
   EXPECT_THAT(remarks(parameter), ElementsAre(replaced("a parameter of a routine" + unknown, "4", "3")));
   const Program several =
       parsed(module("", "MoveL Offs(a,0,0,1),v1,fine,tool0;\nx:=1;\nMoveL Offs(a,0,0,1),v1,fine,tool0;\n"));
@@ -496,7 +516,7 @@ TEST(RapidProgram, FindsTargetsAndToolsByTheOrderOfArguments) {
                                                  "MoveJ p\\ID:=5,v1\\V:=100,z1\\Inpos:=inpos20,t\\WObj:=w\\TLoad:=l;",
                                                  "MoveLDO p,v1,fine,t\\WObj:=w,do1,1;",
                                                  "MoveJGO p,v1,fine,t\\WObj:=w,go1\\Value:=3;",
-                                                 "MoveLSync p,v1,fine,t\\WObj:=w,\"routine\";",
+                                                 "MoveLSync p,v1,fine,t\\WObj:=w,\"a \"\"routine\"\"\";",
                                                  "TriggL p,v1,t1\\T2:=t2,fine,t\\WObj:=w;",
                                                  "TriggJ \\Conc,p,v1,t1,fine,t\\WObj:=w;",
                                                  "TriggLIOs p,v1\\TriggData1:=data,fine,t\\WObj:=w;",
