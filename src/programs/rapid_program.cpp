@@ -1,5 +1,8 @@
 #include "programs/rapid_program.hpp"
 
+#include <fmt/core.h>
+#include <fmt/ranges.h>
+#include <algorithm>
 #include <cmath>
 
 #include "base/degree.hpp"
@@ -48,6 +51,21 @@ std::vector<int> quadrants(const SixJoints& joint_values) {
   return turns;
 }
 
+// Speeds of the tool in mm/s and deg/s: slow also where the flange only turns. The prefix keeps the module's name from
+// being a word of the language.
+std::string drive(const std::string& name, const std::vector<MeasuringStop>& stops) {
+  std::string text =
+      fmt::format("MODULE Kdlcal_{}\n  CONST speeddata vSlow:=[100,20,100,20];\n\n  PROC main()\n", name);
+  for (const MeasuringStop& stop : stops) {
+    std::string label = stop.label;
+    std::replace(label.begin(), label.end(), '\\', '_');  // begins the code of a character
+    text += fmt::format("    MoveAbsJ [[{:.4f}],[9E9,9E9,9E9,9E9,9E9,9E9]],vSlow,fine,tool0;\n",
+                        fmt::join(stop.joint_values, ","));
+    text += fmt::format("    TPWrite \"configuration {}\";\n    Stop;\n", label);
+  }
+  return text + "  ENDPROC\nENDMODULE\n";
+}
+
 }  // namespace
 }  // namespace rapid
 
@@ -65,7 +83,8 @@ const ProgramLanguage& abb_rapid() {
                                            .user_frame = "wobjdata",
                                            .tool_frame = "tooldata",
                                            .turns = rapid::quadrants,
-                                           .write = written_plainly};
+                                           .write = written_plainly,
+                                           .drive = rapid::drive};
   return language;
 }
 

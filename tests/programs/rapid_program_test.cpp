@@ -392,6 +392,14 @@ TEST(RapidProgram, TellsModulesFromOtherTexts) {
   }
 }
 
+TEST(RapidProgram, DrivesSlowlyAndStopsAtEachConfiguration) {
+  const std::string text = abb_rapid().drive("test", {{.label = "a\\0A", .joint_values = {1, -2.5, 0, 4, 5, 6}}});
+  EXPECT_EQ(text,
+            "MODULE Kdlcal_test\n  CONST speeddata vSlow:=[100,20,100,20];\n\n  PROC main()\n"
+            "    MoveAbsJ [[1.0000,-2.5000,0.0000,4.0000,5.0000,6.0000],[9E9,9E9,9E9,9E9,9E9,9E9]],vSlow,fine,tool0;\n"
+            "    TPWrite \"configuration a_0A\";\n    Stop;\n  ENDPROC\nENDMODULE\n");
+}
+
 // ---- What is left, and what the controller decides -----------------------------------------------------------------
 
 struct RemarkRow {
