@@ -362,10 +362,15 @@ ReadingSearch search_readings(const ErrorModel& model, const Measurements& measu
       ReadingTrials(model, measurements, fit, sample(measurements, free, kMostSampled), options).verdict();
   std::vector<AlternativeReading>& found = search.readings;
   const bool doubted = std::any_of(found.begin(), found.end(), [](const AlternativeReading& one) { return one.doubt; });
-  if (!doubted && has_orientations(measurements)) {
+  if (has_orientations(measurements)) {
     const std::optional<OrientationTrial> turned = try_orientations(model, measurements, fit);
-    if (turned && turned->explained) {
+    if (turned && turned->explained && (!doubted || turned->of_most_rows)) {
+      // What else was found in a fit to orientations that were misread is a consequence.
+      std::erase_if(found, [](const AlternativeReading& other) { return other.doubt; });
       found.insert(found.begin(), turned->said);
+      return search;
+    }
+    if (doubted) {
       return search;
     }
     PosePoints points = pose_points(model, measurements, fit, free, options.registration);

@@ -253,8 +253,10 @@ std::optional<OrientationTrial> try_orientations(const ErrorModel& model, const 
   std::vector<Off> all = all_off(rows, best, *usual);
   const std::size_t count = all.size();
   if (usual != &readings().front()) {
+    constexpr double kMost = 0.8;
     return OrientationTrial{
         .explained = true,
+        .of_most_rows = static_cast<double>(best.rows) >= kMost * static_cast<double>(count),
         .said = {.cause = Cause::orientations,
                  .figures = share_of_rows(best.rows, count),
                  .message = "the measured orientations do not turn with the arm; " + of_rows(best.rows, count) +

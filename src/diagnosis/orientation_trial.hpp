@@ -12,8 +12,9 @@
 namespace kdl_calibration {
 
 struct OrientationTrial {
-  bool explained = false;   ///< whether another reading fits
-  AlternativeReading said;  ///< its subjects are the first row that does not turn with the arm, or the worst one
+  bool explained = false;     ///< whether another reading fits
+  bool of_most_rows = false;  ///< whether at least 80 % of all rows turn with the arm in another reading of the file
+  AlternativeReading said;    ///< its subjects are the first row that does not turn with the arm, or the worst one
 };
 
 /// Compares measured orientations of the training rows with the flange's. The target's orientation on the flange is the

@@ -87,5 +87,26 @@ TEST(OrientationTrial, NamesWhatThreeNumbersAre) {
   }
 }
 
+// Points that are 5 % too far apart are another doubt. The one that all rows agree on is said in its place.
+TEST(OrientationTrial, IsSaidBeforeAnyOtherDoubt) {
+  const Robot robot = testing::fanuc();
+  const ErrorModel model = complete_model(robot);
+  const auto causes = [&](OrientationReading reading) {
+    Measurements measured =
+        parse_measurements(robot, poses("rx[deg],ry[deg],rz[deg]", fixed_xyz), nullptr, "m.csv", reading);
+    for (Observation& row : measured.observations) {
+      row.position() *= 1.05;
+    }
+    std::vector<Cause> found;
+    for (const AlternativeReading& each :
+         alternative_readings_of_nominal(model, measured, nominal_start(model, measured))) {
+      found.push_back(each.cause);
+    }
+    return found;
+  };
+  EXPECT_THAT(causes(OrientationReading::fixed_xyz), ::testing::ElementsAre(Cause::scale));
+  EXPECT_THAT(causes(OrientationReading::usual), ::testing::ElementsAre(Cause::orientations));
+}
+
 }  // namespace
 }  // namespace kdl_calibration::orientation_trial_test
