@@ -13,6 +13,8 @@
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/plan_arguments.hpp"
+#include "cli/plan_summary.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/robot_controller.hpp"
@@ -40,49 +42,6 @@ using Eigen::Index;
 constexpr int kConfigurations = 30;
 constexpr int kMostForAccuracy = 500;
 
-struct PlanArguments {
-  RobotArguments robot;
-  CellArguments cell;
-  std::string joint_convention;
-  std::optional<int> configurations;
-  std::optional<int> add;
-  std::optional<double> accuracy_mm;
-  std::string accuracy_of = "mean";
-  std::string measured;
-  std::string orientation;
-  std::string result;
-  int candidates = 5000;
-  int workspace = 5000;
-  std::string tasks;
-  int targets = 3;
-  std::string target_file;
-  PlaceArguments places;
-  std::string criterion = "D";
-  int starts = 8;
-  PointNoise noise;
-  std::vector<double> tracker_noise;
-  Priors priors;
-  std::vector<std::string> effects = {"none"};
-  std::string home;
-  int monte_carlo = 0;
-  std::uint64_t seed = 1;
-  int threads = 0;
-  std::string output;
-  std::string program;
-  std::string report;
-  bool force = false;
-  bool json = false;
-};
-
-// The planning request and the joint convention.
-struct Setting {
-  std::optional<JointConvention> convention;
-  Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();  // where the cell is stated
-  PlanRequest request;
-
-  const JointConvention* joint_convention() const { return convention ? &*convention : nullptr; }
-};
-
 // Targets from a file, else from the result, else registered to the measured file on the nominal robot.
 FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, const PlanRequest& request) {
   if (!arguments.target_file.empty()) {
@@ -97,7 +56,7 @@ FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, c
   return {.targets = published_targets(arguments.targets), .facing = {}};
 }
 
-Eigen::VectorXd home(const PlanArguments& arguments, const Setting& setting) {
+Eigen::VectorXd home(const PlanArguments& arguments, const PlanSetting& setting) {
   const std::vector<MovingJoint>& joints = setting.request.robot.joints;
   const std::vector<std::size_t> independent = independent_joints(joints);
   const std::size_t count = independent.size();
@@ -137,8 +96,8 @@ Figure figure(const std::string& name) {
   return name == "mean" ? Figure::mean : name == "p95" ? Figure::p95 : Figure::max;
 }
 
-Setting setting(const PlanArguments& arguments) {
-  Setting result;
+PlanSetting setting(const PlanArguments& arguments) {
+  PlanSetting result;
   PlanRequest& request = result.request;
   request.robot = load(arguments.robot);
   const ErrorModel model = complete_model(request.robot);
@@ -178,113 +137,6 @@ Setting setting(const PlanArguments& arguments) {
   request.seed = arguments.seed;
   request.threads = arguments.threads;
   return result;
-}
-
-Json prediction_json(const Prediction& prediction, double worst_configuration) {
-  const auto finite = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
-  return {{"mean", finite(prediction.sigma.mean)},
-          {"p95", finite(prediction.sigma.p95)},
-          {"max", finite(prediction.sigma.max)},
-          {"worst_configuration_rms", finite(worst_configuration)}};
-}
-
-Json monte_carlo_summary(const MonteCarloResult& result) {
-  return {{"runs", result.runs},
-          {"not_trusted", result.not_trusted},
-          {"held_out_error",
-           {{"mean", result.all.mean}, {"rms", result.all.rms}, {"p95", result.all.p95}, {"max", result.all.max}}},
-          {"rms_of_point_mean", result.rms.mean()},
-          {"rms_of_point_max", result.rms.maxCoeff()}};
-}
-
-std::vector<std::string> effect_names(const Experiment& experiment) {
-  std::vector<std::string> names;
-  for (const EffectTerm& term : experiment.model.effects) {
-    names.push_back(term.name);
-  }
-  return names;
-}
-
-std::string json(const PlanArguments& arguments, const Setting& setting, const Plan& plan) {
-  Json refusals = Json::array();
-  for (const Refusals& entry : plan.drawn.refusals) {
-    refusals.push_back({{"constraint", entry.constraint}, {"samples", entry.samples}, {"alone", entry.alone}});
-  }
-  Json configurations = Json::array();
-  for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
-    const Eigen::VectorXd q =
-        independent_joint_values(setting.request.robot.joints, plan.sheet.joint_values.col(static_cast<Index>(c)));
-    configurations.push_back(
-        {{"configuration", plan.sheet.configurations[c]}, {"joints", std::vector<double>(q.begin(), q.end())}});
-  }
-  const ObservabilityIndices& o = plan.observability;
-  Json result = {
-      {"criterion", arguments.criterion},
-      {"parameters", columns(plan.experiment)},
-      {"effects", effect_names(plan.experiment)},
-      {"targets", plan.sheet.targets.size()},
-      {"candidates", {{"count", arguments.candidates}, {"samples", plan.drawn.samples}, {"refused", refusals}}},
-      {"exchanges", plan.selection.exchanges},
-      {"observability", {{"O1", o.O1}, {"O2", o.O2}, {"O3", o.O3}, {"O4", o.O4}, {"O5", o.O5}}},
-      {"d_efficiency", plan.efficiency},
-      {"sigma",
-       {{"plan", prediction_json(plan.planned, plan.worst_configuration)},
-        {"random", prediction_json(plan.random, plan.random.worst_configuration)},
-        {"floor", plan.floor ? Json(*plan.floor) : Json(nullptr)}}},
-      {"travel_seconds", plan.seconds},
-      {"configurations", configurations}};
-  if (has_places(arguments.cell)) {
-    result["frame"] = frame_json(setting.X_BW);
-  }
-  if (plan.monte_carlo) {
-    result["monte_carlo"] = monte_carlo_summary(*plan.monte_carlo);
-  }
-  return json_text(result);
-}
-
-std::string line(const std::string& label, const Prediction& prediction, double worst) {
-  std::string text = fmt::format("{:<24}", label);
-  for (const double value : {prediction.sigma.mean, prediction.sigma.p95, prediction.sigma.max, worst}) {
-    text += std::isfinite(value) ? fmt::format("{:>10.4f}", value * 1e3) : "         -";
-  }
-  return text + "\n";
-}
-
-std::string table(const PlanArguments& arguments, const Setting& setting, const Plan& plan) {
-  const ObservabilityIndices& o = plan.observability;
-  const std::size_t effects = plan.experiment.model.effects.size();
-  std::string text = fmt::format(
-      "{} configurations of {} candidates, {}-optimal; {} targets, {} parameters{}, noise {}\n"
-      "search                  {} starts, {} exchanges; seed {}\n"
-      "samples                 {} drawn",
-      plan.selection.chosen.size(), arguments.candidates, arguments.criterion, plan.sheet.targets.size(),
-      columns(plan.experiment), effects == 0 ? "" : fmt::format(", {} of effects", effects),
-      plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm",
-      arguments.starts, plan.selection.exchanges, arguments.seed, plan.drawn.samples);
-  for (const Refusals& entry : plan.drawn.refusals) {
-    text += fmt::format("; {} removes {}", entry.constraint, entry.samples);
-  }
-  text += "\n" + places_text(arguments.cell, setting.request.cell, setting.request.robot.base, setting.X_BW);
-  text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
-  text += line("  this plan", plan.planned, plan.worst_configuration);
-  text += line("  random choice", plan.random, plan.random.worst_configuration);
-  if (plan.floor) {
-    text += fmt::format("{:<54}{:>10.4f}\n", "  lower bound for any plan", *plan.floor * 1e3);
-  }
-  text += fmt::format(
-      "observability           O1 {:.4f}, O2 {:.5f}, O3 {:.4f}, O4 {:.5f}, O5 {:.5f} (m, rad)\n"
-      "D-efficiency            at least {:.3f}\n"
-      "travel                  {:.0f} s at full speed, without the stops\n",
-      o.O1, o.O2, o.O3, o.O4, o.O5, plan.efficiency, plan.seconds);
-  if (plan.monte_carlo) {
-    const MonteCarloResult& runs = *plan.monte_carlo;
-    text += fmt::format(
-        "Monte Carlo             {} runs, {} not to be trusted; held-out error [mm] mean {:.4f}, p95 {:.4f}, max "
-        "{:.4f}; RMS of a point, mean {:.4f}\n",
-        runs.runs, runs.not_trusted, runs.all.mean * 1e3, runs.all.p95 * 1e3, runs.all.max * 1e3,
-        runs.rms.mean() * 1e3);
-  }
-  return text;
 }
 
 void require_sound(const PlanArguments& arguments) {
@@ -332,55 +184,6 @@ void require_no_others(const PlanArguments& arguments) {
   }
 }
 
-Json json(const PlanArguments& arguments, const Setting& setting, const PlacesPlan& plan) {
-  Json stations = Json::array();
-  const std::vector<std::string>& names = plan.rows.measurements.stations;
-  for (std::size_t s = 0; s < names.size(); ++s) {
-    stations.push_back({{"name", names[s]}, {"determined_directions", plan.determined.bases[s]}});
-    stations.back().update(frame_json(plan.rows.robot.truth.frames.base(s).inverse()));
-  }
-  Json configurations = Json::array();
-  for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
-    const Eigen::VectorXd q =
-        independent_joint_values(setting.request.robot.joints, plan.sheet.joint_values.col(static_cast<Index>(c)));
-    configurations.push_back({{"configuration", plan.sheet.configurations[c]},
-                              {"station", plan.sheet.stations[c]},
-                              {"joints", std::vector<double>(q.begin(), q.end())}});
-  }
-  return {{"criterion", arguments.criterion},
-          {"parameters", plan.determined.arm.columns},
-          {"targets", plan.sheet.targets.size()},
-          {"stations", stations},
-          {"sigma",
-           {{"plan", prediction_json(plan.planned, plan.planned.worst_configuration)},
-            {"random", prediction_json(plan.random, plan.random.worst_configuration)}}},
-          {"travel_seconds", plan.seconds},
-          {"configurations", configurations}};
-}
-
-std::string table(const PlanArguments& arguments, const Setting& setting, const PlacesPlan& plan) {
-  const std::vector<std::string>& stations = plan.rows.measurements.stations;
-  std::string text = fmt::format(
-      "{} configurations shared evenly by {} {}, the best of {} draws of stations; {} parameters of the arm, noise {} "
-      "mm\n",
-      plan.sheet.configurations.size(), stations.size(), stations.size() > 1 ? "stations" : "station", arguments.starts,
-      plan.determined.arm.columns, fixed(arguments.noise.sigma * 1e3, 4));
-  text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";
-  text += line("  this plan", plan.planned, plan.planned.worst_configuration);
-  text += line("  random choice", plan.random, plan.random.worst_configuration);
-  text += places_text(arguments.cell, setting.request.cell, setting.request.robot.base, setting.X_BW);
-  text += "station     in the base frame: x y z [m], angle times axis [deg]\n";
-  for (std::size_t s = 0; s < stations.size(); ++s) {
-    const Eigen::Isometry3d X_BW = plan.rows.robot.truth.frames.base(s).inverse();
-    const Eigen::AngleAxisd turn(X_BW.linear());
-    const Eigen::Vector3d r = turn.angle() / kDegree * turn.axis();
-    const Eigen::Vector3d p = X_BW.translation();
-    text += fmt::format("  {:<8}{:>9.3f}{:>9.3f}{:>9.3f}{:>10.1f}{:>8.1f}{:>8.1f}\n", stations[s], p.x(), p.y(), p.z(),
-                        r.x(), r.y(), r.z());
-  }
-  return text + fmt::format("travel                  {:.0f} s at full speed, without the stops\n", plan.seconds);
-}
-
 // The language of --program. A FANUC controller counts joints in its own way.
 const ProgramLanguage* program_language_of(const PlanArguments& arguments) {
   if (arguments.program.empty()) {
@@ -394,7 +197,7 @@ const ProgramLanguage* program_language_of(const PlanArguments& arguments) {
   return &language;
 }
 
-std::string program_of(const PlanArguments& arguments, const Setting& setting, const MeasuringPlan& sheet,
+std::string program_of(const PlanArguments& arguments, const PlanSetting& setting, const MeasuringPlan& sheet,
                        const ProgramLanguage& language) {
   return measuring_program(setting.request.robot, sheet, setting.joint_convention(), language,
                            std::filesystem::path(arguments.program).stem().string());
@@ -405,7 +208,7 @@ ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--program", arguments.program}});
   require_writable(files, arguments.force);
   const ProgramLanguage* language = program_language_of(arguments);
-  Setting set = setting(arguments);
+  PlanSetting set = setting(arguments);
   require_one_ball(arguments.places, set.request.targets.size());
   Progress choosing("choosing");
   set.request.choosing = [&](double share) { choosing(share); };
@@ -415,7 +218,7 @@ ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
                                            : plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());
   }
   write_whole(files, arguments.force,
-              arguments.json ? json_text(json(arguments, set, plan)) : table(arguments, set, plan));
+              arguments.json ? json_of_plan(arguments, set, plan) : table_of_plan(arguments, set, plan));
   return done;
 }
 
@@ -429,7 +232,7 @@ ExitStatus run(const PlanArguments& arguments) {
       given_outputs({{"--output", arguments.output}, {"--program", arguments.program}, {"--report", arguments.report}});
   require_writable(files, arguments.force);
   const ProgramLanguage* language = program_language_of(arguments);
-  Setting set = setting(arguments);
+  PlanSetting set = setting(arguments);
   Progress choosing("choosing");
   set.request.choosing = [&](double share) { choosing(share); };
   Progress trying("Monte Carlo");
@@ -439,14 +242,15 @@ ExitStatus run(const PlanArguments& arguments) {
     file.text = file.option == "--program" ? program_of(arguments, set, result.sheet, *language)
                 : file.option == "--output"
                     ? plan_csv(result.sheet, set.request.robot.joints, set.joint_convention())
-                    : plan_page(json_of(json(arguments, set, result), "the plan"), set.request, result,
+                    : plan_page(json_of(json_of_plan(arguments, set, result), "the plan"), set.request, result,
                                 {{"noise", result.experiment.noise.tracker ? "of the tracker"
                                                                            : fixed(arguments.noise.sigma * 1e3, 4) +
                                                                                  " mm of a coordinate, 1 sigma"},
                                  {"seed", std::to_string(arguments.seed)}},
                                 set.joint_convention());
   }
-  write_whole(files, arguments.force, arguments.json ? json(arguments, set, result) : table(arguments, set, result));
+  write_whole(files, arguments.force,
+              arguments.json ? json_of_plan(arguments, set, result) : table_of_plan(arguments, set, result));
   return done;
 }
 
