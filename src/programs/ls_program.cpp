@@ -103,6 +103,9 @@ private:
     }
     take("/END");
     skip_blanks();
+    while (take("\x1a")) {  // end of file of DOS
+      skip_blanks();
+    }
     if (!at_end()) {
       fail("goes on after /END with " + shown(rest_of_line()) + ", expected one program in a file");
     }

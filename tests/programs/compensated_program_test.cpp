@@ -256,6 +256,7 @@ TEST(LsProgram, ComesBackByteForByteWithoutErrors) {
   frames.user["2"] = Eigen::Translation3d(1.5, 0.2, -0.3) * Isometry3d::Identity();
   frames.tool["1"] = Eigen::Translation3d(0.0, 0.0, 0.125) * Isometry3d::Identity();
   const Calibration exact = bent(0.0);
+  EXPECT_EQ(compensated(exact, program(pose) + "\x1a").texts.front(), program(pose) + "\x1a");
   for (const std::string& positions :
        {std::string(), pose, bent_arm, hand_written, second_group, comment, straight_down, pose + bent_arm + comment}) {
     for (const std::string& text : {program(positions), with_crlf(program(positions))}) {
