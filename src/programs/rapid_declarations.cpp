@@ -102,7 +102,9 @@ void ModuleReader::elements(Datum& datum, std::size_t dimensions, const std::str
 void ModuleReader::item(Datum& datum, const std::string& index) {
   const Value value = words_.value();
   const std::string name = escaped(datum.name) + (index.empty() ? "" : "{" + index + "}");
-  datum.elements[index] = datum.items.size();
+  if (datum.is_array) {
+    datum.elements[index] = datum.items.size();
+  }
   switch (datum.type) {
     case Type::robtarget:
     case Type::jointtarget: {

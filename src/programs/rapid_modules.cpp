@@ -22,10 +22,18 @@ constexpr std::array kOthers = std::to_array<std::string_view>({"return", "raise
 Modules::Modules(std::set<std::string, std::less<>> noted) : scopes_(1), noted_(std::move(noted)) {
   for (const auto& [name, type] : {std::pair("tool0", Type::tooldata), std::pair("wobj0", Type::wobjdata)}) {
     scopes_[0].data[name] = data_.size();
-    data_.push_back({.type = type, .name = name, .items = {frames.size()}, .elements = {{"", 0}}});
+    data_.push_back({.type = type, .name = name, .items = {frames.size()}});
     frames.push_back({.key = name, .pose = Eigen::Isometry3d::Identity(), .is_tool = type == Type::tooldata});
     keys_.insert(name);
   }
+}
+
+std::optional<std::size_t> Datum::item(const std::string& index) const {
+  if (!is_array) {
+    return index.empty() && !items.empty() ? std::optional(items.front()) : std::nullopt;
+  }
+  const auto found = elements.find(index);
+  return found == elements.end() ? std::nullopt : std::optional(items[found->second]);
 }
 
 Datum* Modules::find(std::size_t scope, const std::string& name) {
@@ -105,15 +113,13 @@ void ModuleReader::statement() {
     skip_to_word("do");
   } else if (word == "case" || word == "default" || word == "test") {
     skip_case();
-  } else if (contains(kOthers, word)) {
+  } else if (contains(kOthers, word) || words_.is("%")) {  // %"name"% argument;
     words_.skip_statement();
   } else if (contains(kHandlers, word)) {
     words_.take();
     if (words_.is("(")) {
       words_.skip_brackets();
     }
-  } else if (words_.is("%")) {  // %"name"% argument;
-    words_.skip_statement();
   } else if (words_.is("<")) {  // <SMT>, a statement that is to be written
     placeholder();
   } else if (word.empty() || contains(kAlone, word)) {

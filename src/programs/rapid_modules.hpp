@@ -59,6 +59,9 @@ struct Datum {
   std::unordered_map<std::string, std::size_t> elements;  ///< by index, such as "2,1", the number in `items`
   std::optional<Configuration> configuration;             ///< of confdata
   std::optional<std::vector<ExternalValue>> external;     ///< of extjoint
+
+  /// The place or frame of an element, or of data that are no array (""); none if there is none.
+  std::optional<std::size_t> item(const std::string& index) const;
 };
 
 struct Argument {

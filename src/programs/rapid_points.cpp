@@ -74,7 +74,7 @@ private:
   std::optional<std::size_t> element(const Instruction& at, const Datum& datum, const Value& value, const Use& use);
 
   void complete(Place& place);
-  std::optional<Left> left(std::size_t place) const;
+  std::optional<Left> left(std::size_t index) const;
   bool states_branch(const Place& place, const Use& use) const;
   static ArmBranch branch(const Configuration& configuration);
   void add_points();
@@ -179,11 +179,8 @@ std::optional<std::size_t> ProgramBuilder::frame(const Instruction& at, const Va
   if (datum->is_parameter) {
     return std::nullopt;
   }
-  const auto found = datum->elements.find(value.index);
-  if (found == datum->elements.end()) {
-    return frame_outside(key, is_tool);
-  }
-  return same_frame_[datum->items[found->second]];
+  const std::optional<std::size_t> found = datum->item(value.index);
+  return found ? same_frame_[*found] : frame_outside(key, is_tool);
 }
 
 // Values of the named data that stand for a part of the place.
@@ -318,10 +315,8 @@ std::optional<std::size_t> ProgramBuilder::named_target(const Instruction& at, c
 
 std::optional<std::size_t> ProgramBuilder::element(const Instruction& at, const Datum& datum, const Value& value,
                                                    const Use& use) {
-  const auto found = datum.elements.find(value.index);
-  if (found != datum.elements.end()) {
-    const std::size_t place = datum.items[found->second];
-    uses_[place].add(use);
+  if (const std::optional<std::size_t> place = datum.item(value.index)) {
+    uses_[*place].add(use);
     return place;
   }
   if (value.kind == ValueKind::name || !value.index.empty()) {
@@ -374,7 +369,8 @@ std::optional<Left> ProgramBuilder::left(std::size_t index) const {
 
 // Without the check the controller ignores confdata. Offline systems then write zeros, or the same for all targets.
 bool ProgramBuilder::states_branch(const Place& place, const Use& use) const {
-  return use.checks_branch || (*place.configuration != Configuration() && !has_one_configuration_);
+  constexpr Configuration kZeros{};
+  return use.checks_branch || (*place.configuration != kZeros && !has_one_configuration_);
 }
 
 // The quadrants tell both solutions of the shoulder and of the wrist apart, which are half a turn of axis 1, or of axes

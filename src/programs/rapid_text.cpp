@@ -32,7 +32,8 @@ bool is_blank(char c) { return static_cast<unsigned char>(c) <= 0x20U; }
 bool is_operand(TokenKind kind) { return kind != TokenKind::sign && kind != TokenKind::end; }
 
 bool is_operator_word(const Token& token) {
-  return token.kind == TokenKind::word && contains(kOperators, lower_case(token.text));
+  constexpr std::size_t kLongest = 3;
+  return token.kind == TokenKind::word && token.text.size() <= kLongest && contains(kOperators, lower_case(token.text));
 }
 
 // "3" or "2,1"; empty where an index is computed.
@@ -144,21 +145,27 @@ void Words::advance() {
     while (at_ < text_.size() && (begins_word(text_[at_]) || is_digit(text_[at_]))) {  // 0xFF
       ++at_;
     }
-  } else if (c == '"') {  // two quotes stand for one within the text
+  } else if (c == '"') {
     next_.kind = TokenKind::text;
-    do {
-      at_ = std::min(text_.find_first_of("\"\n", at_ + 1), text_.size());
-      if (at_ == text_.size() || text_[at_] == '\n') {
-        fail(line_, "the text " + shown(trimmed(text_.substr(begin, at_ - begin))) +
-                        " does not end in its line, expected a quote behind it");
-      }
-      ++at_;
-    } while (at_ < text_.size() && text_[at_] == '"');
+    pass_text();
   } else {
     next_.kind = TokenKind::sign;
     at_ += c == ':' && after == '=' ? 2 : 1;
   }
   next_.text = text_.substr(begin, at_ - begin);
+}
+
+// Two quotes stand for one within the text.
+void Words::pass_text() {
+  const std::size_t begin = at_;
+  do {
+    at_ = std::min(text_.find_first_of("\"\n", at_ + 1), text_.size());
+    if (at_ == text_.size() || text_[at_] == '\n') {
+      fail(line_, "the text " + shown(trimmed(text_.substr(begin, at_ - begin))) +
+                      " does not end in its line, expected a quote behind it");
+    }
+    ++at_;
+  } while (at_ < text_.size() && text_[at_] == '"');
 }
 
 // ---- Statements ----------------------------------------------------------------------------------------------------

@@ -82,6 +82,7 @@ public:
 private:
   void advance();
   void skip_blanks();
+  void pass_text();
   Value aggregate(int depth);
   Value operand(int depth);
   void number(Value& value, const Token& sign, std::string_view digits) const;

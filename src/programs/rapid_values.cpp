@@ -14,22 +14,27 @@ using Numbers = std::optional<std::vector<NumberField>>;
 
 constexpr double kNoAxis = 1e9;  // 9E9 says that there is no such axis
 
+// What a message says of a value that is wrong.
+struct Expectation {
+  const std::string& name;
+  const char* form;
+  const Words& words;
+};
+
 // The members of a value; none where another expression stands for it.
-const std::vector<Value>* members(const Value& value, std::size_t count, const std::string& name, const char* expected,
-                                  const Words& words) {
+const std::vector<Value>* members(const Value& value, std::size_t count, const Expectation& expected) {
   if (value.kind != ValueKind::aggregate) {
     return nullptr;
   }
   if (value.members.size() != count) {
-    words.fail(value.line, fmt::format("{}: {} has {} members, expected {}", name, shown(value.text),
-                                       value.members.size(), expected));
+    expected.words.fail(value.line, fmt::format("{}: {} has {} members, expected {}", expected.name, shown(value.text),
+                                                value.members.size(), expected.form));
   }
   return &value.members;
 }
 
-Numbers numbers(const Value& value, std::size_t count, int least_decimals, const std::string& name,
-                const char* expected, const Words& words) {
-  const std::vector<Value>* all = members(value, count, name, expected, words);
+Numbers numbers(const Value& value, std::size_t count, int least_decimals, const Expectation& expected) {
+  const std::vector<Value>* all = members(value, count, expected);
   if (all == nullptr) {
     return std::nullopt;
   }
@@ -37,8 +42,8 @@ Numbers numbers(const Value& value, std::size_t count, int least_decimals, const
   fields.reserve(count);
   for (const Value& each : *all) {
     if (each.kind == ValueKind::aggregate || (!each.text.empty() && each.text.front() == '"')) {
-      words.fail(each.line,
-                 fmt::format("{}: {} is in {}, expected {}", name, shown(each.text), shown(value.text), expected));
+      expected.words.fail(each.line, fmt::format("{}: {} is in {}, expected {}", expected.name, shown(each.text),
+                                                 shown(value.text), expected.form));
     }
     if (each.kind != ValueKind::number) {
       return std::nullopt;
@@ -64,10 +69,10 @@ bool is_unit(const std::vector<NumberField>& quaternion) {
 
 // [[x,y,z],[q1,q2,q3,q4]]
 std::optional<Eigen::Isometry3d> pose(const Value& value, const std::string& name, const Words& words) {
-  constexpr const char* kExpected = "[[x,y,z],[q1,q2,q3,q4]]";
-  const std::vector<Value>* parts = members(value, 2, name, kExpected, words);
-  const Numbers position = parts == nullptr ? std::nullopt : numbers((*parts)[0], 3, 0, name, kExpected, words);
-  const Numbers q = parts == nullptr ? std::nullopt : numbers((*parts)[1], 4, 0, name, kExpected, words);
+  const Expectation expected{name, "[[x,y,z],[q1,q2,q3,q4]]", words};
+  const std::vector<Value>* parts = members(value, 2, expected);
+  const Numbers position = parts == nullptr ? std::nullopt : numbers((*parts)[0], 3, 0, expected);
+  const Numbers q = parts == nullptr ? std::nullopt : numbers((*parts)[1], 4, 0, expected);
   if (!position || !q || !is_unit(*q)) {
     return std::nullopt;
   }
@@ -134,9 +139,10 @@ void read_configuration(Place& place, const Value& value, const Words& words) {
 void read_robtarget(Place& place, const std::vector<Value>& parts, const Words& words) {
   constexpr int kMillimetreDecimals = 3;
   constexpr int kQuaternionDecimals = 8;
+  const Expectation expected{place.point.name, kRobtarget, words};
   place.point.notation = PointNotation::quaternion;
-  keep(place, numbers(parts[0], 3, kMillimetreDecimals, place.point.name, kRobtarget, words));
-  const Numbers quaternion = numbers(parts[1], 4, kQuaternionDecimals, place.point.name, kRobtarget, words);
+  keep(place, numbers(parts[0], 3, kMillimetreDecimals, expected));
+  const Numbers quaternion = numbers(parts[1], 4, kQuaternionDecimals, expected);
   if (keep(place, quaternion)) {
     place.has_orientation = is_unit(*quaternion);
   }
@@ -153,12 +159,12 @@ Place place_of(const Value& value, Type type, const std::string& name, const Wor
   place.point.name = name;
   place.point.line = value.line;
   const std::vector<Value>* parts =
-      members(value, has_joints ? 2 : 4, name, has_joints ? kJointtarget : kRobtarget, words);
+      members(value, has_joints ? 2 : 4, {name, has_joints ? kJointtarget : kRobtarget, words});
   place.is_computed = parts == nullptr;
   if (parts == nullptr) {
     place.point.notation = has_joints ? PointNotation::joints : PointNotation::quaternion;
   } else if (has_joints) {
-    keep(place, numbers((*parts)[0], 6, kDegreeDecimals, name, kJointtarget, words));
+    keep(place, numbers((*parts)[0], 6, kDegreeDecimals, {name, kJointtarget, words}));
     read_external(place, (*parts)[1], words);
   } else {
     read_robtarget(place, *parts, words);
@@ -169,14 +175,14 @@ Place place_of(const Value& value, Type type, const std::string& name, const Wor
 Frame frame_of(const Value& value, Type type, const std::string& name, const Words& words) {
   Frame frame{.is_tool = type == Type::tooldata};
   if (type == Type::tooldata) {
-    const std::vector<Value>* parts = members(value, 3, name, "[robhold,tframe,tload]", words);
+    const std::vector<Value>* parts = members(value, 3, {name, "[robhold,tframe,tload]", words});
     if (parts != nullptr) {
       frame.stands_still = truth((*parts)[0]) == false;
       frame.pose = truth((*parts)[0]) ? pose((*parts)[1], name, words) : std::nullopt;
     }
     return frame;
   }
-  const std::vector<Value>* parts = members(value, 5, name, "[robhold,ufprog,ufmec,uframe,oframe]", words);
+  const std::vector<Value>* parts = members(value, 5, {name, "[robhold,ufprog,ufmec,uframe,oframe]", words});
   if (parts != nullptr) {
     frame.stands_still = truth((*parts)[0]) == true;
     frame.is_moved = truth((*parts)[1]) == false;
@@ -191,7 +197,7 @@ Frame frame_of(const Value& value, Type type, const std::string& name, const Wor
 
 std::optional<Configuration> configuration_of(const Value& value, const std::string& name, const Words& words) {
   constexpr double kMost = 1e4;
-  const Numbers fields = numbers(value, 4, 0, name, "[cf1,cf4,cf6,cfx]", words);
+  const Numbers fields = numbers(value, 4, 0, {name, "[cf1,cf4,cf6,cfx]", words});
   if (!fields) {
     return std::nullopt;
   }
@@ -208,7 +214,7 @@ std::optional<Configuration> configuration_of(const Value& value, const std::str
 }
 
 std::optional<std::vector<ExternalValue>> external_of(const Value& value, const std::string& name, const Words& words) {
-  const Numbers fields = numbers(value, 6, 0, name, "[eax_a,eax_b,eax_c,eax_d,eax_e,eax_f]", words);
+  const Numbers fields = numbers(value, 6, 0, {name, "[eax_a,eax_b,eax_c,eax_d,eax_e,eax_f]", words});
   if (!fields) {
     return std::nullopt;
   }

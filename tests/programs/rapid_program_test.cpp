@@ -612,8 +612,8 @@ TEST(RapidProgram, RefusesWhatIsNoProgramWithLineAndExpectation) {
       {"MODULE a\nRECORD r\nnum n;\n", "IN.mod:2: RECORD does not end, expected ENDRECORD"},
       {"MODULE a\nLOCAL num n;\nENDMODULE", "IN.mod:2: 'num' is here, expected CONST, PERS, VAR or a routine"},
   };
-  for (const auto& [text, expected] : rows) {
-    EXPECT_THAT(testing::refusal([&] { parsed(text); }), HasSubstr(expected)) << text;
+  for (const std::pair<std::string, std::string>& row : rows) {
+    EXPECT_THAT(testing::refusal([&] { parsed(row.first); }), HasSubstr(row.second)) << row.first;
   }
 }
 
