@@ -233,8 +233,13 @@ void ModuleReader::argument(Instruction& instruction, const std::optional<Motion
       argument.value = words_.value();
     }
   } else {
+    const auto before =
+        static_cast<std::size_t>(std::count_if(instruction.arguments.begin(), instruction.arguments.end(),
+                                               [](const Argument& each) { return each.option.empty(); }));
     argument.value = words_.value();
-    if (kind && argument.value.kind == ValueKind::aggregate) {
+    // Speed and zone may be written in the instruction as well.
+    const bool is_target = kind && before >= kind->before && before < kind->before + kind->targets;
+    if (is_target && argument.value.kind == ValueKind::aggregate) {
       const Type type = kind->has_joints ? Type::jointtarget : Type::robtarget;
       argument.place = add_place(place_of(argument.value, type, "target of " + instruction.spelling, words_));
       argument.value.members.clear();

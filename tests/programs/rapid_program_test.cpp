@@ -520,23 +520,25 @@ TEST(RapidProgram, SaysWhatTheControllerDecides) {
 }
 
 TEST(RapidProgram, FindsTargetsAndToolsByTheOrderOfArguments) {
-  const std::vector<std::string> instructions = {"MoveL p,v1,fine,t\\WObj:=w;",
-                                                 "MoveJ p\\ID:=5,v1\\V:=100,z1\\Inpos:=inpos20,t\\WObj:=w\\TLoad:=l;",
-                                                 "MoveLDO p,v1,fine,t\\WObj:=w,do1,1;",
-                                                 "MoveJGO p,v1,fine,t\\WObj:=w,go1\\Value:=3;",
-                                                 "MoveLSync p,v1,fine,t\\WObj:=w,\"a \"\"routine\"\"\";",
-                                                 "TriggL p,v1,t1\\T2:=t2,fine,t\\WObj:=w;",
-                                                 "TriggJ \\Conc,p,v1,t1,fine,t\\WObj:=w;",
-                                                 "TriggLIOs p,v1\\TriggData1:=data,fine,t\\WObj:=w;",
-                                                 "SearchL\\Stop,di1,found,p,v1,t\\WObj:=w;",
-                                                 "ArcLStart p,v1,seam1,weld1\\Weave:=weave1,fine,t\\WObj:=w;",
-                                                 "ArcL p,v1,seam1,weld1,z1,t\\WObj:=w;",
-                                                 "ArcLEnd p,v1,seam1,weld1,fine,t\\WObj:=w;",
-                                                 "SpotL p,vmax,gun1,spot10,t\\WObj:=w;",
-                                                 "SpotJ p,vmax,gun1,spot10,t\\WObj:=w;",
-                                                 "DispL\\On,p,v1,bead1,z1,t\\WObj:=w;",
-                                                 "PaintL p,v1,z1,t\\WObj:=w;",
-                                                 "CapL p,v1,cap1,z1,t\\WObj:=w;"};
+  const std::vector<std::string> instructions = {
+      "MoveL p,v1,fine,t\\WObj:=w;",
+      "MoveJ p\\ID:=5,v1\\V:=100,z1\\Inpos:=inpos20,t\\WObj:=w\\TLoad:=l;",
+      "MoveL p,[100,500,5000,1000],[FALSE,0.3,0.3,0.3,0.03,0.3,0.03],t\\WObj:=w;",
+      "MoveLDO p,v1,fine,t\\WObj:=w,do1,1;",
+      "MoveJGO p,v1,fine,t\\WObj:=w,go1\\Value:=3;",
+      "MoveLSync p,v1,fine,t\\WObj:=w,\"a \"\"routine\"\"\";",
+      "TriggL p,v1,t1\\T2:=t2,fine,t\\WObj:=w;",
+      "TriggJ \\Conc,p,v1,t1,fine,t\\WObj:=w;",
+      "TriggLIOs p,v1\\TriggData1:=data,fine,t\\WObj:=w;",
+      "SearchL\\Stop,di1,found,p,v1,t\\WObj:=w;",
+      "ArcLStart p,v1,seam1,weld1\\Weave:=weave1,fine,t\\WObj:=w;",
+      "ArcL p,v1,seam1,weld1,z1,t\\WObj:=w;",
+      "ArcLEnd p,v1,seam1,weld1,fine,t\\WObj:=w;",
+      "SpotL p,vmax,gun1,spot10,t\\WObj:=w;",
+      "SpotJ p,vmax,gun1,spot10,t\\WObj:=w;",
+      "DispL\\On,p,v1,bead1,z1,t\\WObj:=w;",
+      "PaintL p,v1,z1,t\\WObj:=w;",
+      "CapL p,v1,cap1,z1,t\\WObj:=w;"};
   for (const std::string& instruction : instructions) {
     const Program program = parsed(module("CONST robtarget p:=" + target() + ";\n", instruction + "\n"));
     ASSERT_THAT(names(program), ElementsAre("p")) << instruction;
