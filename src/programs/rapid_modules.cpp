@@ -209,9 +209,11 @@ void ModuleReader::instruction(const Token& name) {
                      .scope = scope_,
                      .arguments = {}};
   const std::optional<MotionKind> kind = motion_kind(result.name);
-  const bool is_noted = modules_.noted_.contains(result.name);
-  if (!kind && !is_noted) {
+  if (!kind && result.name != "confl" && result.name != "confj") {
     words_.skip_statement();
+    if (modules_.noted_.contains(result.name)) {
+      modules_.instructions.push_back(std::move(result));
+    }
     return;
   }
   while (!words_.take_if(";")) {

@@ -82,7 +82,7 @@ struct Instruction {
 /// What modules declare. A scope is a routine, a module, or the whole program (0).
 class Modules {
 public:
-  /// Keeps motion instructions, and others with one of these names (in lower case).
+  /// Keeps motions, ConfL and ConfJ, and without their arguments instructions of these names (in lower case).
   explicit Modules(std::set<std::string, std::less<>> noted = {});
 
   /// Reads the modules of a file. Throws InputError.

@@ -21,7 +21,7 @@ namespace {
 class ProgramBuilder {
 public:
   explicit ProgramBuilder(const std::vector<ProgramText>& texts)
-      : texts_(texts), modules_(noted()), uses_(), joint_check_("confj", {}), line_check_("confl", {}) {
+      : texts_(texts), modules_(run_time_instructions()), uses_(), joint_check_("confj", {}), line_check_("confl", {}) {
     for (std::size_t file = 0; file < texts.size(); ++file) {
       modules_.read(texts[file], file);
     }
@@ -48,12 +48,6 @@ public:
   }
 
 private:
-  static std::set<std::string, std::less<>> noted() {
-    std::set<std::string, std::less<>> names = run_time_instructions();
-    names.insert({"confj", "confl"});
-    return names;
-  }
-
   [[noreturn]] void fail(const Instruction& at, const std::string& what) const {
     throw InputError(fmt::format("{}:{}: {}", texts_[at.file].source, at.line, what));
   }
