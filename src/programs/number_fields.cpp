@@ -19,8 +19,8 @@ std::string with_numbers(std::string_view text, const std::vector<NumberField>& 
     double before = 0.0;
     std::string_view digits = trimmed(old);
     digits.remove_prefix(digits.starts_with('+') ? 1 : 0);
-    std::from_chars(digits.data(), digits.data() + digits.size(), before);
-    if (fixed(field.value, field.decimals) == fixed(before, field.decimals)) {
+    const bool is_decimal = std::from_chars(digits.data(), digits.data() + digits.size(), before).ec == std::errc();
+    if (is_decimal && fixed(field.value, field.decimals) == fixed(before, field.decimals)) {
       continue;
     }
     result += text.substr(copied, field.begin - copied);

@@ -7,6 +7,7 @@
 
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/krl_program.hpp"
 #include "programs/ls_program.hpp"
 #include "programs/rapid_program.hpp"
 #include "programs/ur_program.hpp"
@@ -25,7 +26,7 @@ std::string all_languages() {
 }  // namespace
 
 const std::vector<const ProgramLanguage*>& program_languages() {
-  static const std::vector<const ProgramLanguage*> languages = {&fanuc_ls(), &ur_script(), &abb_rapid()};
+  static const std::vector<const ProgramLanguage*> languages = {&fanuc_ls(), &abb_rapid(), &kuka_krl(), &ur_script()};
   return languages;
 }
 
