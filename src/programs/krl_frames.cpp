@@ -162,7 +162,7 @@ ProgramFrames frames_of_config(std::string_view text, const std::string& source)
     const bool is_tool = left.name == "TOOL_DATA" || left.name == "$TOOL_DATA";
     if (is_tool || left.name == "BASE_DATA" || left.name == "$BASE_DATA") {
       const std::optional<Aggregate> aggregate = aggregate_at(*value, lines.place());
-      const std::string name = std::string(line.substr(0, left.size));
+      const std::string name = printable(line.substr(0, left.size));
       const std::optional<Position> position =
           aggregate ? position_in(*aggregate, lines.place(), name, true) : std::nullopt;
       if (!position || position->is_joints || !position->is_complete()) {

@@ -97,6 +97,7 @@ private:
   Notes* notes_;
   ReadMotions result_;
   Place place_;
+  std::unordered_map<std::size_t, std::optional<FramesInForce>> used_arrays_;  // by their first element
 };
 
 void MotionReader::statement(std::string_view line) {
@@ -195,9 +196,13 @@ bool MotionReader::ends_in_variable(std::string_view target, const FramesInForce
   const std::vector<std::size_t> elements = reference.index && reference.member.empty()
                                                 ? symbols_.elements(reference, statements_.routine())
                                                 : std::vector<std::size_t>();
-  for (const std::size_t element : elements) {
-    if (symbols_.all()[element].position) {
-      use(element, frames);
+  // A loop over an array uses it in few frames.
+  if (!elements.empty() && used_arrays_[elements.front()] != frames) {
+    used_arrays_[elements.front()] = frames;
+    for (const std::size_t element : elements) {
+      if (symbols_.all()[element].position) {
+        use(element, frames);
+      }
     }
   }
   const bool is_here =
@@ -274,15 +279,15 @@ ReadMotions read_motions(const std::vector<ProgramText>& texts, const Symbols& s
       reader.read(texts[file], file, count);
     }
   };
-  // Loops, jumps and calls lead back: their ends are known after a walk.
+  // Loops, jumps and calls lead to other places of the text, where what they bring is known after a walk.
   constexpr int kMostWalks = 5;
   for (int i = 0; i < kMostWalks; ++i) {
     MotionReader reader(symbols, frames, summary, nullptr);
     walk(reader);
     FlowSummary next = reader.summary();
-    const bool is_same = next == summary;
+    const bool is_final = next == summary || (next.loop_ends.empty() && next.labels.empty() && next.entries.empty());
     summary = std::move(next);
-    if (is_same) {
+    if (is_final) {
       break;
     }
   }

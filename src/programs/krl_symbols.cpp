@@ -163,6 +163,9 @@ void Symbols::declare(std::string_view part, const Declaration& declaration, con
   // The names of a routine are its own.
   const std::string own = now_ > 0 ? std::to_string(now_) + "#" + left.name : left.name;
   types_[own] = declaration.type;
+  if (now_ > 0) {
+    have_own_.insert(now_);
+  }
   const std::optional<std::string_view> value = assigned_value(part, left);
   if (!value) {
     return;
@@ -173,7 +176,7 @@ void Symbols::declare(std::string_view part, const Declaration& declaration, con
     }
   }
   if (!initial_.insert(element_key(left, now_).value_or(own)).second) {
-    fail(place, std::string(part.substr(0, left.size)) + " is declared twice, expected each variable once");
+    fail(place, printable(part.substr(0, left.size)) + " is declared twice, expected each variable once");
   }
   if (value->starts_with('{')) {
     define(left, part, *value, place);
@@ -212,7 +215,7 @@ void Symbols::define(const Reference& left, std::string_view line, std::string_v
     change(left);
     return;
   }
-  Symbol symbol{.name = std::string(stripped(line.substr(0, left.size))), .place = place};
+  Symbol symbol{.name = printable(stripped(line.substr(0, left.size))), .place = place};
   if (type_name == "FDAT" || has_member(*aggregate, "TOOL_NO")) {
     symbol.frame_data = frame_data_of(*aggregate);
   } else {
@@ -247,8 +250,11 @@ void Symbols::mark_changed() {
 }
 
 std::string Symbols::key(const std::string& name, Routine routine) const {
+  if (!have_own_.contains(routine)) {
+    return name;
+  }
   std::string own = std::to_string(routine) + "#" + name;
-  return routine > 0 && types_.contains(own) ? own : name;
+  return types_.contains(own) ? own : name;
 }
 
 // None where the index is known at run time only.

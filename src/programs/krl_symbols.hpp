@@ -90,6 +90,7 @@ private:
   std::unordered_map<std::string, std::size_t> index_;  // by key
   std::unordered_map<std::string, std::vector<std::size_t>> elements_;
   std::unordered_map<std::string, std::string> types_;
+  std::unordered_set<Routine> have_own_;  // variables
   std::unordered_map<std::string, int> constants_;
   std::unordered_set<std::string> initial_;  // keys with a value in their declaration
   std::unordered_set<std::string> changed_;

@@ -28,14 +28,17 @@ std::size_t spaces_at(std::string_view text, std::size_t at) {
 
 // A comment goes from a semicolon outside of a string to the end of the line.
 std::string_view without_comment(std::string_view line) {
-  bool is_in_string = false;
-  for (std::size_t i = 0; i < line.size(); ++i) {
-    is_in_string = is_in_string != (line[i] == '"');
-    if (line[i] == ';' && !is_in_string) {
-      return line.substr(0, i);
+  std::size_t string = line.find('"');
+  std::size_t comment = line.find(';');
+  while (comment != std::string_view::npos && string < comment) {
+    const std::size_t end = line.find('"', string + 1);
+    if (end == std::string_view::npos) {
+      return line;
     }
+    comment = line.find(';', std::max(comment, end));
+    string = line.find('"', end + 1);
   }
-  return line;
+  return line.substr(0, comment);
 }
 
 char closing_of(char opening) { return opening == '{' ? '}' : opening == '(' ? ')' : ']'; }
