@@ -220,6 +220,20 @@ std::string write(std::string_view old, double value, int decimals) {
                      base == 2 ? fmt::format("{:0{}b}", whole, width) : fmt::format("{:0{}X}", whole, width));
 }
 
+// HALT waits until the operator starts the program again.
+std::string drive(const std::string& name, const std::vector<MeasuringStop>& stops) {
+  std::string text = "&ACCESS RVP\nDEF " + name +
+                     "( )\nEXT BAS (BAS_COMMAND :IN,REAL :IN )\nBAS (#INITMOV,0 )\nBAS (#VEL_PTP,10 )\n";
+  for (const MeasuringStop& stop : stops) {
+    text += "; configuration " + stop.label + "\nPTP {";
+    for (std::size_t i = 0; i < stop.joint_values.size(); ++i) {
+      text += fmt::format("{}A{} {}", i == 0 ? "" : ",", i + 1, fixed(stop.joint_values[i], 4));
+    }
+    text += "}\nHALT\n";
+  }
+  return text + "END\n";
+}
+
 }  // namespace
 
 const ProgramLanguage& kuka_krl() {
@@ -239,6 +253,7 @@ const ProgramLanguage& kuka_krl() {
       .tool_frame = "$TOOL",
       .turns = turns,
       .write = write,
+      .drive = drive,
   };
   return language;
 }
