@@ -405,10 +405,10 @@ Subcommand add_compensate(CLI::App& parser) {
            "Joint convention, world frame and faceplate for --program (JSON) [joints of the URDF, its links base and "
            "tool0; FANUC: those of the R-2000iC/165F]")
       ->needs(program);
-  add_list(
-      *app, "--external-axis", arguments->external_axes,
-      "External axis of --program and the joint of the URDF that it is, such as a rail before the arm; it keeps its "
-      "values; repeatable")
+  add_list(*app, "--external-axis", arguments->external_axes,
+           "External axis of --program and the joint of the URDF that it is, such as a rail before the arm, or none if "
+           "it does "
+           "not carry the arm; it keeps its values; repeatable")
       ->type_name("E1=JOINT")
       ->needs(program);
   add_file(*app, "--frames", arguments->frames,

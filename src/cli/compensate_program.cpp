@@ -39,9 +39,9 @@ std::map<int, std::string> external_axes_of(const std::vector<std::string>& text
     if (axis.size() != 2 || axis.front() != 'E' || axis.back() < '1' || axis.back() > '6') {
       throw InputError("--external-axis: " + shown(axis) + " is no external axis, expected E1 to E6");
     }
-    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
-      throw InputError("--external-axis: " + robot.source + " has no joint " + shown(joint) + ", expected one of " +
-                       comma_separated(joints));
+    if (joint != kNotOfTheArm && std::find(joints.begin(), joints.end(), joint) == joints.end()) {
+      throw InputError("--external-axis: " + robot.source + " has no joint " + shown(joint) +
+                       ", expected none, or one of " + comma_separated(joints));
     }
     axes[axis.back() - '0'] = joint;
   }
@@ -250,7 +250,9 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   const Controller controller = controller_of(arguments, robot, *language);
   CompensationOptions options = arguments.options;
   for (const auto& [axis, joint] : controller.external_axes) {
-    options.held.push_back(joint);
+    if (joint != kNotOfTheArm) {
+      options.held.push_back(joint);
+    }
   }
   const Calibration calibration = load_calibration(arguments.result, robot);
   require_writable(files, arguments.force);

@@ -7,12 +7,13 @@
 #include "base/text.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/controller.hpp"
 
 namespace kdl_calibration {
 
 using Eigen::Index;
 
-Carrier::Carrier(const Robot& robot, const std::map<int, std::string>& axes) {
+Carrier::Carrier(const Robot& robot, const std::map<int, std::string>& axes) : axes_(axes) {
   constexpr std::size_t kArm = 6;
   std::vector<std::string> names = joint_names(robot);
   names.resize(names.size() - std::min(names.size(), kArm));
@@ -22,7 +23,9 @@ Carrier::Carrier(const Robot& robot, const std::map<int, std::string>& axes) {
       joints_.push_back({.axis = axis->first, .joint = robot.joints[i]});
     }
   }
-  if (joints_.size() != names.size() || axes.size() != names.size()) {
+  const auto idle =
+      std::count_if(axes.begin(), axes.end(), [](const auto& axis) { return axis.second == kNotOfTheArm; });
+  if (joints_.size() != names.size() || axes.size() != names.size() + static_cast<std::size_t>(idle)) {
     throw InputError(robot.source + ": the joints before the six of the arm are " +
                      (names.empty() ? "none" : comma_separated(names)) +
                      ", expected --external-axis E1=JOINT for each of them and no other joint");
@@ -32,10 +35,6 @@ Carrier::Carrier(const Robot& robot, const std::map<int, std::string>& axes) {
 Robot Carrier::arm(Robot robot) const {
   robot.joints.erase(robot.joints.begin(), robot.joints.begin() + static_cast<std::ptrdiff_t>(joints_.size()));
   return robot;
-}
-
-bool Carrier::has(int axis) const {
-  return std::any_of(joints_.begin(), joints_.end(), [&](const Joint& each) { return each.axis == axis; });
 }
 
 CompensatedJoints Carrier::with(const ProgramPoint& point, const SixJoints& arm, const std::string& where) const {

@@ -21,7 +21,8 @@ public:
   /// The arm that stands on them.
   Robot arm(Robot robot) const;
 
-  bool has(int axis) const;
+  /// Whether it is known what the axis does.
+  bool has(int axis) const { return axes_.contains(axis); }
 
   /// Their values [m or rad] at the point, before those of the arm. Throws InputError, with `where` before its words,
   /// for a point without the value of one.
@@ -36,6 +37,7 @@ private:
     MovingJoint joint;
   };
   std::vector<Joint> joints_;
+  std::map<int, std::string> axes_;
 };
 
 }  // namespace kdl_calibration

@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "base/parallel.hpp"
@@ -13,6 +14,21 @@ namespace kdl_calibration {
 namespace {
 
 using Outcome = PointCompensation::Outcome;
+
+// Texts of ABB and KUKA state zeros for axes that there are not.
+void leave_out_resting_axes(Program& program, const Controller& controller) {
+  std::set<int> moving;
+  for (const ProgramPoint& point : program.points) {
+    for (const ExternalValue& external : point.external) {
+      if (external.value != 0.0 || controller.external_axes.contains(external.axis)) {
+        moving.insert(external.axis);
+      }
+    }
+  }
+  for (ProgramPoint& point : program.points) {
+    std::erase_if(point.external, [&](const ExternalValue& external) { return !moving.contains(external.axis); });
+  }
+}
 
 // The points whose joint values do not depend on other points.
 void compensate_alone(const PointCompensation& compensation, Program& program, std::vector<Outcome>& outcomes) {
@@ -149,6 +165,7 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
                                        const std::vector<ProgramText>& texts, const CompensatedJoints& near) {
   const ProgramLanguage& language = language_of(texts.front());
   Program program = language.parse(texts);
+  leave_out_resting_axes(program, controller);
   const PointCompensation compensation(robot, compensator, controller, language, program, texts);
   std::vector<Outcome> outcomes(program.points.size());
   compensate_alone(compensation, program, outcomes);

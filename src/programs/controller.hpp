@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -12,13 +13,17 @@
 
 namespace kdl_calibration {
 
+/// What an external axis moves that does not carry the arm.
+inline constexpr std::string_view kNotOfTheArm = "none";
+
 /// How the controller of an arm counts joints, and where it has its frames.
 struct Controller {
   std::optional<JointConvention> convention = {};          ///< none: the values of the URDF's joints, in its order
   Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();  ///< its world frame in the base frame
   Eigen::Isometry3d X_FP = Eigen::Isometry3d::Identity();  ///< the faceplate in the flange frame
   ProgramFrames frames = {};                               ///< empty unless they are read as well
-  std::map<int, std::string> external_axes = {};           ///< by number, the joints of the URDF that carry the arm
+  std::map<int, std::string> external_axes =
+      {};  ///< by number: a joint of the URDF that carries the arm, or kNotOfTheArm
 };
 
 /// Reads such a description (JSON, see urdf/README.md) and the joint convention that it names. Throws InputError.

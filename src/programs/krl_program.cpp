@@ -222,8 +222,8 @@ std::string write(std::string_view old, double value, int decimals) {
 
 // HALT waits until the operator starts the program again.
 std::string drive(const std::string& name, const std::vector<MeasuringStop>& stops) {
-  std::string text = "&ACCESS RVP\nDEF " + name +
-                     "( )\nEXT BAS (BAS_COMMAND :IN,REAL :IN )\nBAS (#INITMOV,0 )\nBAS (#VEL_PTP,10 )\n";
+  std::string text =
+      "&ACCESS RVP\nDEF " + name + "( )\nEXT BAS (BAS_COMMAND :IN,REAL :IN )\nBAS (#INITMOV,0 )\nBAS (#VEL_PTP,10 )\n";
   for (const MeasuringStop& stop : stops) {
     text += "; configuration " + stop.label + "\nPTP {";
     for (std::size_t i = 0; i < stop.joint_values.size(); ++i) {

@@ -216,7 +216,7 @@ CompensatedPoint PointCompensation::solve(const ProgramPoint& point, const Point
   for (const ExternalValue& external : point.external) {
     if (!carrier_.has(external.axis)) {
       fail(point, fmt::format("is a pose with an external axis E{0}, expected --external-axis E{0}=JOINT of a URDF "
-                              "with that joint, or joint values",
+                              "with that joint, or E{0}=none if it does not carry the arm",
                               external.axis));
     }
   }
@@ -324,10 +324,11 @@ bool PointCompensation::stays_in_branch(const CompensatedJoints& asked, const Co
 // Whether the point states the turns of these values of the controller's joints. Writes them where it has numbers that
 // follow the values.
 bool PointCompensation::states_turns(ProgramPoint& point, const SixJoints& commanded) const {
+  constexpr double kNoise = 2e-6;  // [rad] below what the digits of a pose tell
   bool same = true;
   for (std::size_t i = 0; i < point.branch->turns.size(); ++i) {
     const std::optional<JointInterval>& interval = point.branch->turns[i];
-    same = same && (!interval || interval->contains(commanded[static_cast<Index>(i)]));
+    same = same && (!interval || interval->contains(commanded[static_cast<Index>(i)], kNoise));
   }
   if (same || point.turn_fields.empty()) {
     return same;

@@ -78,7 +78,7 @@ PointNumbers numbers_of(PointNotation notation, const Isometry3d& pose, const Po
     case PointNotation::quaternion: {
       const Quaterniond q(pose.linear());
       written << q.w(), q.x(), q.y(), q.z();
-      written *= written.dot(rest) < 0.0 ? -1.0 : 1.0;
+      written *= rest.norm() * (written.dot(rest) < 0.0 ? -1.0 : 1.0);
       break;
     }
     case PointNotation::rotation_vector:

@@ -604,6 +604,25 @@ TEST(ExternalAxes, AreAllStated) {
   EXPECT_EQ(compensated(bent(1e-3), text).positions.front().point.status, CompensationStatus::exact);
 }
 
+TEST(ExternalAxes, StayOutOfItWhereTheyDoNotCarryTheArm) {
+  const Calibration found = bent(1e-3);
+  const std::string pose = cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose);
+  const auto change = [&](const std::string& position, const std::map<int, std::string>& axes) {
+    Controller with_axes = controller();
+    with_axes.external_axes = axes;
+    return compensated_program(fanuc(), Compensator(found), with_axes, {{.source = "IN.LS", .text = program(position)}})
+        .positions.front()
+        .change;
+  };
+  const SixJoints alone = change(pose, {});
+  EXPECT_EQ(change(with_axes(pose, 0.0, 0.0), {}), alone);
+  EXPECT_EQ(change(with_axes(pose, 12.0, 340.0), {{1, "none"}, {2, "none"}}), alone);
+  EXPECT_REFUSED(
+      "P[1]: is a pose with an external axis E2, expected --external-axis E2=JOINT of a URDF with that joint, "
+      "or E2=none",
+      change(with_axes(pose, 12.0, 340.0), {{1, "none"}}));
+}
+
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {
   const auto warnings_of = [](int count) {
     std::string lines;
