@@ -350,8 +350,20 @@ TEST(KrlProgram, LeavesPointsThatTheProgramChanges) {
                                  data(kPoints + "AXIS XA[1]\nXA[1]={A1 1,A2 -90,A3 90,A4 0,A5 0,A6 0}\n"));
   EXPECT_THAT(names(program), ElementsAre("XP3"));
   EXPECT_EQ(ends(program), "~?! ~?! ~XP3 ");
-  EXPECT_THAT(remarked(program, "changes at run time: left"), ElementsAre(2, 3, 6));
+  EXPECT_THAT(remarked(program, "changes at run time, or uses"), ElementsAre(2, 3, 6));
   EXPECT_THAT(remarked(program, "copies a compensated point"), ElementsAre(3, 5));
+}
+
+TEST(KrlProgram, LeavesPointsThatAreFramesAsWell) {
+  const Program program = parsed(routine("BAS(#INITMOV,0)\nLIN XP1\n$BASE=XP1\n"), data(kPoints));
+  EXPECT_THAT(names(program), IsEmpty());
+  EXPECT_THAT(remarked(program, "or uses as a frame"), ElementsAre(2));
+}
+
+TEST(KrlProgram, KnowsConstantsOfTheDataListInRoutines) {
+  const Program program = parsed(routine("XQ[FIRST]={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nPTP XQ[3]\n"),
+                                 data("CONST INT FIRST=3\nAXIS XQ[4]\n"));
+  EXPECT_EQ(ends(program), "~XQ[FIRST] ");
 }
 
 TEST(KrlProgram, LeavesPartialAndComputedPositions) {
