@@ -95,15 +95,14 @@ private:
   std::vector<std::size_t> other_ways_;            // lines
 };
 
-std::vector<PathDeviation> path_deviations(const PointCompensation& compensation, const Program& program,
-                                           const std::vector<Outcome>& outcomes,
-                                           const std::vector<ProgramText>& texts) {
-  constexpr double kNoticeable = 1e-4;  // [m]
-  struct Segment {
-    const ProgramMotion* motion;
-    std::size_t from;
-    std::size_t to;
-  };
+// A motion along a path, from point to point.
+struct Segment {
+  const ProgramMotion* motion;
+  std::size_t from;
+  std::size_t to;
+};
+
+std::vector<Segment> segments_of(const Program& program) {
   std::vector<Segment> segments;
   std::optional<std::size_t> last;
   for (const ProgramMotion& motion : program.motions) {
@@ -113,6 +112,33 @@ std::vector<PathDeviation> path_deviations(const PointCompensation& compensation
     }
     last = next;
   }
+  return segments;
+}
+
+// On a straight line no controller changes the branch: some then ignore what a point states.
+void remark_other_branches(const PointCompensation& compensation, const std::vector<Outcome>& outcomes,
+                           Program& program) {
+  std::map<std::size_t, std::vector<std::size_t>> lines;  // of each file
+  for (const Segment& segment : segments_of(program)) {
+    if (!compensation.share_branch(outcomes[segment.from], outcomes[segment.to])) {
+      lines[segment.motion->file].push_back(segment.motion->line);
+    }
+  }
+  for (auto& [file, of_file] : lines) {
+    std::sort(of_file.begin(), of_file.end());
+    of_file.erase(std::unique(of_file.begin(), of_file.end()), of_file.end());
+    program.remarks.push_back({.what = "a motion along a path ends in another configuration (shoulder, elbow, wrist) "
+                                       "than that of the point above: its command is right for the one that is stated",
+                               .lines = std::move(of_file),
+                               .file = file});
+  }
+}
+
+std::vector<PathDeviation> path_deviations(const PointCompensation& compensation, const Program& program,
+                                           const std::vector<Outcome>& outcomes,
+                                           const std::vector<ProgramText>& texts) {
+  constexpr double kNoticeable = 1e-4;  // [m]
+  const std::vector<Segment> segments = segments_of(program);
   std::vector<PathDeviation> deviations(segments.size());
   parallel_for(segments.size(), 0, [&](std::size_t i) {
     const Segment& segment = segments[i];
@@ -170,6 +196,7 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
   std::vector<Outcome> outcomes(program.points.size());
   compensate_alone(compensation, program, outcomes);
   InOrder(compensation, program, outcomes, near).compensate();
+  remark_other_branches(compensation, outcomes, program);
   CompensatedProgram result;
   for (std::size_t file = 0; file < texts.size(); ++file) {
     result.texts.push_back(with_numbers(texts[file].text, fields_of(program, outcomes, file), language));

@@ -46,6 +46,9 @@ public:
   /// Sets the numbers of the point. `previous`: nominal joint values of the point before, for those that follow it.
   Outcome compensate(ProgramPoint& point, const CompensatedJoints& previous = {}) const;
 
+  /// Whether shoulder, elbow and wrist stand on the same sides at both points; true for arms without a closed form.
+  bool share_branch(const Outcome& a, const Outcome& b) const { return !arm_ || stays_in_branch(a.asked, b.asked); }
+
   /// [m] of the tool from the asked straight line between two points.
   double deviation(const Outcome& from, const Outcome& to, const ProgramPoint& end) const;
 

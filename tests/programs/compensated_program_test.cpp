@@ -332,6 +332,20 @@ TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
   EXPECT_EQ(result.texts.front(), beyond);
 }
 
+TEST(LsProgram, WarnsOfAStraightMotionIntoAnotherConfiguration) {
+  const auto warnings = [&](const std::string& motion, const std::string& configuration) {
+    const std::string text = program(
+        joints(1, {0, -5, -36, 78, -52, -79}) + cartesian(2, "UF : 0, UT : 0", configuration, kPose),
+        "   1:J P[1] 100% FINE    ;\n   2:" + motion + " P[2] 50mm/sec FINE    ;\n   3:L P[2] 50mm/sec FINE    ;\n");
+    return compensated(bent(1e-4), text).warnings;
+  };
+  EXPECT_THAT(warnings("L", "N U T, 0, 0, 0"), SizeIs(0));
+  EXPECT_THAT(warnings("J", "F U T, 0, 0, 0"), SizeIs(0));
+  EXPECT_THAT(warnings("L", "F U T, 0, 0, 0"),
+              ElementsAre(AllOf(StartsWith("IN.LS:7: a motion along a path ends in another configuration"),
+                                EndsWith("stated"))));
+}
+
 TEST(LsProgram, LeavesAPositionAloneThatWouldChangeItsConfiguration) {
   const ErrorModel model = complete_model(fanuc());
   const VectorXd errors = testing::errors_of(model, {{"dq5", 0.01}});

@@ -27,9 +27,9 @@ using Eigen::Isometry3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 using testing::kDegree;
 using ::testing::SizeIs;
 
@@ -437,7 +437,7 @@ TEST(AbbRapid, BringsTheCalibratedArmWhereTheNominalOneWouldBe) {
     expect_same_numbers(text, compensated(robot, bent(robot, 0.0, 1), text).texts.front());
     const Calibration found = bent(robot, 5e-4, seed);
     const CompensatedProgram result = compensated(robot, found, text);
-    EXPECT_THAT(result.warnings, IsEmpty());
+    EXPECT_THAT(result.warnings, Each(HasSubstr("ends in another configuration")));
     const std::vector<ProgramPoint> before = abb_rapid().parse({{.source = "IN.mod", .text = text}}).points;
     const std::vector<ProgramPoint> written =
         abb_rapid().parse({{.source = "OUT.mod", .text = result.texts.front()}}).points;
