@@ -59,22 +59,22 @@ FrameData frame_data_of(const Aggregate& aggregate) {
 }
 
 RoutineLine routine_line(std::string_view line) {
-  using Kind = RoutineLine::Kind;
+  using LineKind = RoutineLine::Kind;
   std::string_view word = word_at(line);
   if (is_word(word, "GLOBAL")) {
     line = rest_after(line, word.size());
     word = word_at(line);
   }
   if (is_word(word, "DEF") || is_word(word, "DEFFCT")) {
-    return {.kind = Kind::routine, .name = routine_name(rest_after(line, word.size()))};
+    return {.kind = LineKind::routine, .name = routine_name(rest_after(line, word.size()))};
   }
   if (is_word(word, "DEFDAT")) {
-    return {.kind = Kind::data, .name = {}};
+    return {.kind = LineKind::data, .name = {}};
   }
   if (is_word(word, "END") || is_word(word, "ENDFCT")) {
-    return {.kind = Kind::end_of_routine, .name = {}};
+    return {.kind = LineKind::end_of_routine, .name = {}};
   }
-  return {.kind = is_word(word, "ENDDAT") ? Kind::end_of_data : Kind::none, .name = {}};
+  return {.kind = is_word(word, "ENDDAT") ? LineKind::end_of_data : LineKind::none, .name = {}};
 }
 
 // Data lists first: their constants and types hold in the routines.
@@ -90,29 +90,29 @@ Symbols::Symbols(const std::vector<ProgramText>& texts) {
 }
 
 void Symbols::read(const ProgramText& text, std::size_t file) {
-  using Kind = RoutineLine::Kind;
+  using LineKind = RoutineLine::Kind;
   Lines lines(text, file);
-  Kind open = Kind::none;
+  LineKind open = LineKind::none;
   bool has_part = false;
   for (std::string_view line; lines.next(line);) {
     const Place& place = lines.place();
     const RoutineLine bound = routine_line(line);
-    if (bound.kind == Kind::routine || bound.kind == Kind::data) {
-      if (open != Kind::none) {
+    if (bound.kind == LineKind::routine || bound.kind == LineKind::data) {
+      if (open != LineKind::none) {
         fail(place, "has " + shown(line) + " inside of another routine or data list, expected its end before");
       }
       open = bound.kind;
       has_part = true;
-      if (bound.kind == Kind::routine) {
+      if (bound.kind == LineKind::routine) {
         now_ = ++count_;
         routines_.emplace(bound.name, now_);
       }
-    } else if (bound.kind != Kind::none) {
-      const Kind end = open == Kind::data ? Kind::end_of_data : Kind::end_of_routine;
-      if (open != Kind::none && bound.kind != end) {
-        fail(place, "has " + shown(line) + ", expected " + (open == Kind::data ? "ENDDAT" : "END"));
+    } else if (bound.kind != LineKind::none) {
+      const LineKind end = open == LineKind::data ? LineKind::end_of_data : LineKind::end_of_routine;
+      if (open != LineKind::none && bound.kind != end) {
+        fail(place, "has " + shown(line) + ", expected " + (open == LineKind::data ? "ENDDAT" : "END"));
       }
-      open = Kind::none;
+      open = LineKind::none;
       now_ = 0;
     } else if (!has_part) {
       fail(place, "has " + shown(line) + " before DEF, DEFFCT or DEFDAT, expected a program in KRL");
@@ -120,8 +120,8 @@ void Symbols::read(const ProgramText& text, std::size_t file) {
       assign(line, place);
     }
   }
-  if (!has_part || open != Kind::none) {
-    const bool is_routine = open == Kind::routine;
+  if (!has_part || open != LineKind::none) {
+    const bool is_routine = open == LineKind::routine;
     fail(lines.place(), !has_part ? "holds no DEF, no DEFFCT and no DEFDAT, expected a program in KRL"
                                   : std::string("ends without ") + (is_routine ? "END" : "ENDDAT") +
                                         ", expected the whole " + (is_routine ? "routine" : "data list"));

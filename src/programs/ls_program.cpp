@@ -322,7 +322,7 @@ ArmBranch PositionReader::configuration() {
   result.wrist_positive = next("FN") == 'F';
   result.elbow_up = next("UD") == 'U';
   result.front = next("TB") == 'T';
-  for (const std::size_t joint : {0, 3, 5}) {
+  for (const std::size_t joint : {0U, 3U, 5U}) {
     next(",");
     const bool is_negative = trimmed(rest).starts_with('-');
     if (is_negative) {
