@@ -56,10 +56,13 @@ void make_longer(Observation& row, const Vector3d& predicted, double step) {
   }
 }
 
-// Whether distances were measured from places that another instrument stated.
-bool has_stated_anchors(const Measurements& rows) {
-  return std::any_of(rows.observations.begin(), rows.observations.end(),
-                     [](const Observation& row) { return is_distance(row) && !row.position().isZero(0.0); });
+// Whether distances were measured from places that another instrument stated: as anchors, or as bases of stations.
+bool has_stated_anchors(const OrdinaryFit& fit) {
+  const std::vector<Observation>& rows = fit.rows().observations;
+  const bool any_base = !fit.known().bases.empty();
+  return std::any_of(rows.begin(), rows.end(), [&](const Observation& row) {
+    return is_distance(row) && (any_base || !row.position().isZero(0.0));
+  });
 }
 
 // A factor on the distances alone, whose anchors stay where they were stated. The zero of the instrument took a part of
@@ -85,7 +88,7 @@ void try_lengths(const OrdinaryFit& fit, const Explanations& explanations, std::
   MistakeFamily all;
   all.add(explanations, explanations.sums(C),
           [&] { return scale_trial("all measured lengths", {}, fit.scale_sigma()); });
-  if (has_stated_anchors(fit.rows())) {
+  if (has_stated_anchors(fit)) {
     constexpr bool kListed = false;  // among all lengths
     all.add(
         explanations, explanations.sums(distance_factor(fit)),

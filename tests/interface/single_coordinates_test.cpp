@@ -223,6 +223,31 @@ TEST(DistancesFromAnchors, FromStatedAnchorsAreDoubtedByTheirScale) {
   }
 }
 
+// Stations at places that another instrument measured: the same, but for where the places are stated.
+TEST(DistancesFromAnchors, FromStationsOfKnownBasesAreDoubtedByTheirScale) {
+  const std::vector<Vector3d> places = {{2.1, 1.4, 0.3}, {-1.2, 2.3, 1.1}, {1.0, -2.2, 0.6}};  // those of Distances
+  for (const double factor : {1.0, 1.002, 0.98}) {
+    Distances experiment(4);
+    Measurements measurements = experiment.measured(3, false, 60, kNoise);
+    CalibrationOptions options = readings_alone();
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      options.parameters.known.bases.push_back(
+          {measurements.stations[i], Eigen::Translation3d(-places[i]) * experiment.robot.truth.frames.base()});
+    }
+    for (Observation& observation : measurements.observations) {
+      std::get<Distance>(observation.reading).length *= factor;
+    }
+    const std::vector<Doubt> doubts = calibrate(bundled_robot(), measurements, options).doubts();
+    if (factor == 1.0) {
+      EXPECT_THAT(doubts, ::testing::IsEmpty());
+      continue;
+    }
+    ASSERT_FALSE(doubts.empty()) << factor;
+    EXPECT_EQ(doubts.front().cause, Cause::scale) << factor;
+    EXPECT_NEAR(doubts.front().figures.front().value, factor - 1.0, 0.05 * std::abs(factor - 1.0)) << factor;
+  }
+}
+
 // `factors` on ways to measure, by turns.
 void expect_another_unit_of_all_lengths_is_named(const CalibrationOptions& options,
                                                  const std::vector<double>& factors) {
