@@ -193,13 +193,16 @@ void accept_without_hashes(Json& json, const std::string& source) {
   }
 }
 
-// The files that a result was made from are no outputs, as its hashes are of them.
+// The files that a result was made from are no outputs, as its hashes are of them. Their paths are those of another
+// run, which may have stood in another folder: the hash tells them too.
 void note_files_read(const Json& json, const std::string& source) {
   const Json none = Json::array();
   const Json& provenance = json.is_object() && json.contains("provenance") ? json["provenance"] : none;
   for (const Json& file : has({provenance, source}, "files_read") ? provenance["files_read"] : none) {
     if (file.is_object() && file.contains("path") && file["path"].is_string()) {
-      note_input(file["path"].get<std::string>(), source + " was made from");
+      const bool has_hash = file.contains("sha256") && file["sha256"].is_string();
+      note_input(file["path"].get<std::string>(), source + " was made from",
+                 has_hash ? file["sha256"].get<std::string>() : std::string());
     }
   }
 }

@@ -24,9 +24,9 @@ NoteInput input_note;
 
 void note_inputs(NoteInput note) { input_note = std::move(note); }
 
-void note_input(const std::filesystem::path& file, const std::string& why) {
+void note_input(const std::filesystem::path& file, const std::string& why, const std::string& sha256) {
   if (input_note) {
-    input_note(file, why);
+    input_note(file, why, sha256);
   }
 }
 

@@ -17,10 +17,12 @@ struct CloseFile {
 using File = std::unique_ptr<std::FILE, CloseFile>;
 
 /// `note` is called with each file that is an input from now on, and why: open_file opens it, or a result was made from
-/// it. By default nothing is noted: a program that uses the library may replace a file that it has read.
-using NoteInput = std::function<void(const std::filesystem::path& file, const std::string& why)>;
+/// it, whose hash is then known. By default nothing is noted: a program that uses the library may replace a file that
+/// it has read.
+using NoteInput =
+    std::function<void(const std::filesystem::path& file, const std::string& why, const std::string& sha256)>;
 void note_inputs(NoteInput note);
-void note_input(const std::filesystem::path& file, const std::string& why);
+void note_input(const std::filesystem::path& file, const std::string& why, const std::string& sha256 = {});
 
 /// Throws InputError with the system's reason if the file cannot be opened.
 File open_file(const std::filesystem::path& path);

@@ -12,11 +12,13 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <memory>
 #include <system_error>
 #include <utility>
 
+#include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
@@ -232,14 +234,35 @@ bool are_same_file(const fs::path& one, const fs::path& other) {
   return fs::equivalent(one, other, error) && !error;
 }
 
+// Empty if it cannot be read. Unlike sha256_of_file, this makes it no input.
+std::string hash_of_existing(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::vector<char> piece(std::size_t{1} << 16U);
+  Sha256 digest;
+  std::size_t bytes = 0;
+  while (file) {
+    file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    const auto count = static_cast<std::size_t>(file.gcount());
+    digest.add({piece.data(), count});
+    bytes += count;
+  }
+  return bytes == 0 ? std::string() : digest.hexadecimal();
+}
+
 // Options of outputs are among those that name files, but are no inputs.
 void require_no_input(const OutputFile& file, const std::vector<OutputFile>& files,
                       const std::vector<NamedFile>& inputs) {
+  const bool any_hash =
+      std::any_of(inputs.begin(), inputs.end(), [](const NamedFile& input) { return !input.sha256.empty(); });
+  const std::string hash = any_hash ? hash_of_existing(file.path) : std::string();
   for (const NamedFile& input : inputs) {
     const bool is_output = std::any_of(files.begin(), files.end(),
                                        [&](const OutputFile& output) { return output.option == input.option; });
     if (!is_output && are_same_file(file.path, input.path)) {
       fail(file, "is the file that " + input.reason + " as '" + input.path + "', expected another one");
+    }
+    if (!hash.empty() && input.sha256 == hash) {
+      fail(file, "holds what " + input.reason + " as '" + input.path + "', expected another one");
     }
   }
 }

@@ -23,6 +23,7 @@ struct NamedFile {
   std::string option;
   std::string path;
   std::string reason = option + " reads";  ///< why it is an input, for messages
+  std::string sha256 = {};                 ///< a file with this hash is it as well, wherever it is; empty: none
 };
 
 /// Makes signals that end the process (Ctrl-C) first remove the temporary files of write_whole.

@@ -341,6 +341,9 @@ void warn_if_doubted(const std::string& file, Verdict verdict, const std::vector
 CalibrationParts read_result(const std::string& file, const Robot& robot) {
   CalibrationParts saved = read_calibration(file, robot);
   warn_if_doubted(file, saved.verdict, saved.doubts);
+  if (saved.verdict == Verdict::not_trusted && saved.doubts.empty() && !saved.warnings.empty()) {
+    warn(file + " is not to be trusted: " + saved.warnings.back());  // of a result without hashes
+  }
   return saved;
 }
 

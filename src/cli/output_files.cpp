@@ -30,8 +30,8 @@ void protect_inputs(std::vector<NamedFile> named) {
     inputs_of_run.push_back({.option = "kdlcal itself", .path = default_urdf_path().string()});
   } catch (const InputError&) {  // no bundled robots
   }
-  note_inputs([](const std::filesystem::path& path, const std::string& why) {
-    inputs_of_run.push_back({.option = {}, .path = path.string(), .reason = why});
+  note_inputs([](const std::filesystem::path& path, const std::string& why, const std::string& sha256) {
+    inputs_of_run.push_back({.option = {}, .path = path.string(), .reason = why, .sha256 = sha256});
   });
 }
 

@@ -194,6 +194,14 @@ TEST_F(KeptInputs, AreThoseOfAllOptionsThatNameAFile) {
   }
 }
 
+// The paths in a result are those of the folder in which calibrate ran.
+TEST_F(KeptInputs, OfAResultAreKnownByTheirContent) {
+  fs::create_directory(directory / "elsewhere");
+  fs::rename(directory / "m.csv", directory / "elsewhere/moved.csv");
+  expect_refused({"report", "--result", "r.json", "--output", "elsewhere/moved.csv", "--force"},
+                 {"--output: 'elsewhere/moved.csv' holds what r.json was made from as 'm.csv', expected another one"});
+}
+
 TEST_F(KeptInputs, AreTheSameUnderOtherNames) {
   fs::create_directory(directory / "folder");
   fs::create_symlink("truth.json", directory / "link.json");
