@@ -128,16 +128,15 @@ std::vector<OutputFile> outputs_of(const ProgramArguments& arguments, const std:
   return files;
 }
 
-// A program that this command wrote has its record beside it.
-void require_programs_of_the_user(const std::string& file, const std::vector<ProgramText>& texts) {
-  const std::string record = file + std::string(kRecord);
-  if (!std::filesystem::exists(record)) {
-    return;
-  }
-  const std::string written = read_text_file(record);
-  for (const ProgramText& text : texts) {
-    if (written.find(sha256(text.text)) != std::string::npos) {
-      throw InputError(text.source + ": this program is compensated already, expected the original");
+// A program that this command wrote has its record beside it, or beside the file that belongs to it.
+void require_programs_of_the_user(const std::vector<ProgramText>& texts) {
+  for (const ProgramText& beside : texts) {
+    const std::string record = beside.source + std::string(kRecord);
+    const std::string written = std::filesystem::exists(record) ? read_text_file(record) : std::string();
+    for (const ProgramText& text : texts) {
+      if (written.find(sha256(text.text)) != std::string::npos) {
+        throw InputError(text.source + ": this program is compensated already, expected the original");
+      }
     }
   }
 }
@@ -211,6 +210,9 @@ std::string predictions_of(const CompensatedProgram& program, const CalibratedAr
 
 std::vector<std::string> warnings_of(const CompensatedProgram& program, const CompensationSummary& summary) {
   std::vector<std::string> warnings = program.warnings;
+  if (program.positions.empty()) {
+    warnings.push_back("no point of the program is compensated");
+  }
   for (const std::string& each : summary.warnings()) {
     warnings.push_back(each);
   }
@@ -246,7 +248,7 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
            {{.option = "--predict", .path = arguments.predict}, {.option = "--report", .path = arguments.report}})) {
     files.push_back(std::move(file));
   }
-  require_programs_of_the_user(arguments.program, texts);
+  require_programs_of_the_user(texts);
   const Controller controller = controller_of(arguments, robot, *language);
   CompensationOptions options = arguments.options;
   for (const auto& [axis, joint] : controller.external_axes) {

@@ -20,6 +20,7 @@ constexpr std::array<std::string_view, static_cast<std::size_t>(Note::count)> kT
     "copies a compensated point or computes with it: motions to the copy, and what is computed from it, use that",
     "TOOL_CORR_ON, BASE_CORR_ON or M_BAS_COR_ON moves poses at run time: compensated where they are without that",
     "a sensor corrects motions at run time: points are compensated where they are without that",
+    "$ROBROOT is set by the program: poses are compensated as if it was not",
     "points that the program changes at run time, or uses as a frame: left as they are",
     "points with some of six components, whose others keep their values: left as they are",
     "points with a component that is computed: left as they are",

@@ -26,6 +26,7 @@ enum class Note : std::uint8_t {
   copied,
   correction,
   sensor,
+  root_set,
   // Points.
   changed,
   partial,

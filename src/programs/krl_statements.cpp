@@ -127,6 +127,9 @@ void StatementReader::set_frame(const FrameInForce& value, bool is_tool) {
 }
 
 void StatementReader::assignment(const Reference& left, std::string_view value) {
+  if (left.name == "$ROBROOT") {
+    note(Note::root_set);
+  }
   if (left.name == "$TOOL" || left.name == "$BASE") {
     const bool is_tool = left.name == "$TOOL";
     set_frame(left.member.empty() ? frames_.of_value(value, is_tool, flow_.routine(), place_)

@@ -403,7 +403,8 @@ constexpr std::array kRunTimeWords = std::to_array<RunTimeWord>({
 const RunTimeWord* run_time_word(WordPlace place, std::string_view word) {
   const bool is_whole = place == WordPlace::option || place == WordPlace::head;
   const auto row = std::find_if(kRunTimeWords.begin(), kRunTimeWords.end(), [&](const RunTimeWord& each) {
-    return each.place == place && (is_whole ? word == each.word : word.starts_with(each.word));
+    const std::string_view name = is_whole ? word.substr(0, word.find('[')) : word;  // "COORD[2]"
+    return each.place == place && (is_whole ? name == each.word : word.starts_with(each.word));
   });
   return row == kRunTimeWords.end() ? nullptr : &*row;
 }
@@ -520,7 +521,11 @@ public:
   }
 
 private:
+  // A controller marks the position at which it stands: "@P[2]".
+  static std::string_view without_mark(std::string_view word) { return word.substr(word.starts_with('@') ? 1 : 0); }
+
   static bool is_place(std::string_view word) {
+    word = without_mark(word);
     return word.starts_with("P[") || run_time_word(WordPlace::target, word) != nullptr;
   }
 
@@ -551,6 +556,7 @@ private:
   }
 
   void add_motion(char kind, std::string_view place, std::size_t line) {
+    place = without_mark(place);
     const RunTimeWord* unknown = run_time_word(WordPlace::target, place);
     LsMotion motion{.motion = {.line = line, .is_straight = kind != 'J', .is_known = unknown == nullptr}};
     int number = 0;

@@ -259,7 +259,8 @@ CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const 
     if (compensator_.nominal_pose(nominal).isApprox(pose, kReached)) {
       asked = nominal;
     } else if (i == kSteps) {
-      fail(point, "no joint values reach it from those of the point before, expected a pose within reach");
+      fail(point,
+           "no joint values reach it from those that are stated before it or beside it, expected a pose within reach");
     }
   }
   return found;
@@ -296,11 +297,11 @@ std::optional<SixJoints> PointCompensation::turned(const ArmBranch& branch, cons
     return std::nullopt;
   }
   for (std::size_t i = 0; i < branch.turns.size(); ++i) {
-    if (!branch.turns[i]) {
-      continue;
-    }
+    // Where no turn is stated, the one within the limits is meant.
+    constexpr double kInfinite = std::numeric_limits<double>::infinity();
+    const JointInterval any{.lower = -kInfinite, .upper = kInfinite};
     double& value = values[static_cast<Index>(i)];
-    const std::optional<int> turns = turns_into(*branch.turns[i], value, kRounding, [&](double turned) {
+    const std::optional<int> turns = turns_into(branch.turns[i].value_or(any), value, kRounding, [&](double turned) {
       SixJoints others = values;
       others[static_cast<Index>(i)] = turned;
       return is_within(robot_.joints[i], joints_.urdf(others)[static_cast<Index>(i)]);

@@ -31,6 +31,8 @@ constexpr std::array kMotionWords = std::to_array<MotionWord>({{"movej", false, 
                                                                {"movel", true, 1},
                                                                {"movep", true, 1},
                                                                {"movec", true, 2},
+                                                               {"optimovej", false, 1},
+                                                               {"optimovel", true, 1},
                                                                {"servoj", false, 1},
                                                                {"servoc", true, 2}});
 
@@ -41,13 +43,19 @@ const MotionWord* motion_word(std::string_view word) {
 }
 
 // Why a place is known at run time only, by the function that computes it.
-enum class Remark : std::uint8_t { computed, feature, tool, two_tools, order_of_tools };
+enum class Remark : std::uint8_t { computed, feature, tool, two_tools, order_of_tools, moved, unused };
 constexpr std::array kRemarks = {
     "a target is computed at run time: not compensated here",
     "pose_trans states a target in a feature: not compensated here, expected targets in the base",
     "set_tcp sets a tool that is known at run time only: poses after it are left as they are",
     "a pose is used with two tools: left as it is",
-    "set_tcp sets another tool than before: poses have the tool that is set above them in the text"};
+    "set_tcp sets another tool than before: poses have the tool that is set above them in the text",
+    "conveyors, forces and path offsets move the arm at run time: targets are compensated where they are without that",
+    "a pose is no target of a motion that is read here: left as it is"};
+
+// Instructions that move the arm beside its targets.
+constexpr std::array kMovingWords = std::to_array<std::string_view>(
+    {"track_conveyor_linear", "track_conveyor_circular", "force_mode", "path_offset_enable", "path_offset_set"});
 
 bool is_word(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
 
@@ -76,18 +84,24 @@ public:
 
   Program read() {
     program_.frames.user[std::string(kBase)] = Eigen::Isometry3d::Identity();
+    find_parameters();
     find_assignments();
     for_each_call([&](std::string_view word, const std::vector<Span>& arguments, std::size_t at) {
       if (word == "set_tcp") {
         set_tool(arguments, at);
+      } else if (is_moving_word(word)) {
+        note(Remark::moved, at);
       } else if (const MotionWord* motion = motion_word(word)) {
         for (std::size_t i = 0; i < std::min(motion->targets, arguments.size()); ++i) {
           add_motion(*motion, arguments[i], at);
         }
       }
     });
+    find_unused_poses();
     leave_out_points_of_two_tools();
     for (std::size_t i = 0; i < kRemarks.size(); ++i) {
+      std::sort(lines_of_[i].begin(), lines_of_[i].end());
+      lines_of_[i].erase(std::unique(lines_of_[i].begin(), lines_of_[i].end()), lines_of_[i].end());
       if (!lines_of_[i].empty()) {
         program_.remarks.push_back({.what = kRemarks[i], .lines = std::move(lines_of_[i])});
       }
@@ -178,7 +192,8 @@ private:
       }
       const std::string_view word = text_.substr(begin, at - begin);
       const std::size_t open = std::min(text_.find_first_not_of(" \t", at), text_.size());
-      if (open < text_.size() && text_[open] == '(' && (word == "set_tcp" || motion_word(word) != nullptr)) {
+      const bool is_known = word == "set_tcp" || is_moving_word(word) || motion_word(word) != nullptr;
+      if (is_known && open < text_.size() && text_[open] == '(') {
         const std::optional<std::vector<Span>> found = arguments(open);
         if (!found) {
           throw InputError(fmt::format("{}:{}: {} has no closing parenthesis, expected the whole program", source_,
@@ -187,6 +202,10 @@ private:
         work(word, *found, begin);
       }
     }
+  }
+
+  static bool is_moving_word(std::string_view word) {
+    return std::find(kMovingWords.begin(), kMovingWords.end(), word) != kMovingWords.end();
   }
 
   // ---- Literals and variables --------------------------------------------------------------------------------------
@@ -213,6 +232,42 @@ private:
       at = end;
     }
     return result.fields.size() == kNumbers ? std::optional(result) : std::nullopt;
+  }
+
+  // Of "def go(A, B = p[...]):": inside they hide variables of these names.
+  void find_parameters() {
+    for (const std::string_view begin : {"def ", "thread "}) {
+      for (std::size_t at = text_.find(begin); at != std::string_view::npos; at = text_.find(begin, at + 1)) {
+        const std::size_t open = std::min(text_.find_first_of("(\n", at), text_.size());
+        const std::optional<std::vector<Span>> found =
+            open < text_.size() && text_[open] == '(' ? arguments(open) : std::nullopt;
+        for (const Span parameter : found.value_or(std::vector<Span>())) {
+          const std::string_view words = in(parameter);
+          parameters_.insert(std::string(trimmed(words.substr(0, words.find('=')))));
+        }
+      }
+    }
+  }
+
+  // Poses in numbers that are neither points nor tools nor in a line that another remark names.
+  void find_unused_poses() {
+    std::set<std::size_t> named;
+    for (const std::vector<std::size_t>& lines : lines_of_) {
+      named.insert(lines.begin(), lines.end());
+    }
+    for (std::size_t at = 0; at < text_.size();) {
+      if (const std::size_t behind = behind_comment_or_string(at); behind != at) {
+        at = behind;
+        continue;
+      }
+      const bool begins = text_[at] == 'p' && text_.substr(at + 1, 1) == "[" && (at == 0 || !is_word(text_[at - 1]));
+      const std::size_t end = begins ? text_.find(']', at) : std::string_view::npos;
+      if (end != std::string_view::npos && !point_at_.contains(at) && !tool_at_.contains(at) &&
+          !named.contains(line(at)) && literal({.begin = at, .end = end + 1})) {
+        note(Remark::unused, at);
+      }
+      ++at;
+    }
   }
 
   // "global Waypoint_1_p = p[...]" at the beginning of a line.
@@ -286,7 +341,8 @@ private:
     auto& tools = program_.frames.tool;
     const auto same = std::find_if(tools.begin(), tools.end(),
                                    [&](const auto& each) { return each.second.matrix() == frame.matrix(); });
-    if (same == tools.end() && !tools.empty()) {
+    tool_at_.insert(found->span.begin);
+    if (same == tools.end() && (!tools.empty() || uses_installed_tool_)) {
       note(Remark::order_of_tools, at);
     }
     tool_ = same == tools.end() ? fmt::format("set_tcp in line {}", line(at)) : same->first;
@@ -302,6 +358,12 @@ private:
         target = inside->front();
         near = inside->size() > 1 ? (*inside)[1] : near;
       }
+      if (inside && states_tool(*inside)) {
+        note(Remark::computed, at);
+        motion.is_known = false;
+        program_.motions.push_back(motion);
+        return;
+      }
     }
     const std::optional<std::size_t> point = point_of(target, near, at);
     if (!point) {
@@ -310,6 +372,14 @@ private:
     motion.point = point;
     motion.is_known = point.has_value();
     program_.motions.push_back(motion);
+  }
+
+  // get_inverse_kin(pose, qnear, position error, orientation error, tool)
+  bool states_tool(const std::vector<Span>& arguments) const {
+    constexpr std::size_t kBeforeTool = 4;
+    return arguments.size() > kBeforeTool || std::any_of(arguments.begin(), arguments.end(), [&](const Span& argument) {
+             return in(argument).starts_with("tcp");
+           });
   }
 
   // The point of a literal or of a variable that has literals; all of these become points.
@@ -321,7 +391,7 @@ private:
       return add_point(*found, fmt::format("line {}", line(found->span.begin)), near, at);
     }
     const auto variable = variables_.find(std::string(in(target)));
-    if (variable == variables_.end()) {
+    if (variable == variables_.end() || parameters_.contains(variable->first)) {
       return std::nullopt;
     }
     std::optional<std::size_t> last;
@@ -341,6 +411,7 @@ private:
     if (literal.is_pose && !tool_) {
       return std::nullopt;
     }
+    uses_installed_tool_ = uses_installed_tool_ || (literal.is_pose && *tool_ == kInstalledTool);
     const auto [place, is_new] = point_at_.try_emplace(literal.span.begin, program_.points.size());
     if (is_new) {
       ProgramPoint point;
@@ -411,6 +482,9 @@ private:
   std::optional<std::string> tool_{kInstalledTool};  // none: known at run time only
   std::map<std::size_t, std::size_t> point_at_;      // by the place of its literal
   std::set<std::size_t> of_two_tools_;
+  std::set<std::size_t> tool_at_;     // places of tools' literals
+  std::set<std::string> parameters_;  // of functions
+  bool uses_installed_tool_ = false;
   std::array<std::vector<std::size_t>, kRemarks.size()> lines_of_;
   Program program_;
 };

@@ -106,6 +106,21 @@ TEST_F(ProgramFiles, WithAnExternalAxisNeedItsJoint) {
   EXPECT_NE(text_of("OUT.LS"), text);
 }
 
+// A pair of KUKA's files has one record, beside the file that was named.
+TEST_F(ProgramFiles, OfKukaAreNotCompensatedAgainByTheOtherFile) {
+  write("k.src", "DEF k()\nBAS(#INITMOV,0)\nPTP XP1\nEND\n");
+  write("k.dat", "DEFDAT k\nDECL E6AXIS XP1={A1 10.0,A2 -10.0,A3 15.0,A4 5.0,A5 30.0,A6 2.0}\nENDDAT\n");
+  const Words first = words_of("compensate --result r.json --program k.src --output one.src");
+  const Outcome outcome = run(first);
+  ASSERT_EQ(outcome.status, 0) << outcome.err;
+  EXPECT_NE(text_of("one.dat"), text_of("k.dat"));
+  EXPECT_EQ(text_of("one.src"), text_of("k.src"));
+  for (const char* again : {"one.src", "one.dat"}) {
+    expect_refused({"compensate", "--result", "r.json", "--program", again, "--output", "two.src"},
+                   {"compensated already"});
+  }
+}
+
 // At zero the faceplate's x, y and z point along the flange's z, x and y: so do the numbers of UTOOL.
 TEST_F(ProgramFiles, TakeTheTargetsOfTheCalibrationAsTools) {
   const Words frames = words_of("frames --result r.json --tool-number 4 --output f.json --controller " + kController);

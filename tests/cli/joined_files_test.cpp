@@ -134,17 +134,17 @@ TEST_F(JoinedFilesOfATracker, WhatDoesNotFitIsRefusedByFileAndLine) {
     std::string names;
     const char* words;
   };
-  const std::vector<Case> cases = {
-      {"name,x,y,z\nC1_A,1,2,3\nbase,1,2,3\n", names, "p.csv:3: point 'base'"},
-      {"name,x,y,z\n\nC99_A,1,2,3\n", names, "p.csv:3: configuration '99' has no joint values, expected a configuration of "},
-      {"name,x,y,z\n\nC1_A,1,a,3\n", names, "p.csv:3"},
-      {"name,x,y,z\nC_A,1,2,3\n", names, "p.csv:2: point 'C_A'"},
-      {"name,x,y,z\nC1_,1,2,3\n", names, "p.csv:2: point 'C1_'"},
-      {"x,y,z\n1,2,3\n", names, "p.csv:1: expected a column 'name'"},
-      {"configuration,name,x,y,z\n1,C1_A,1,2,3\n", names, "no column 'configuration'"},
-      {"name,x,y,z\nC1_A,1,2,3\n", "", "or --point-names"},
-      {"name,x,y,z\nC1_A,1,2,3\n", "{target}", "such as C{configuration}_{target}"},
-      {"name,x,y,z\nC1_A,1,2,3\n", "{target}{configuration}", "between the two"}};
+  const std::vector<Case> cases = {{"name,x,y,z\nC1_A,1,2,3\nbase,1,2,3\n", names, "p.csv:3: point 'base'"},
+                                   {"name,x,y,z\n\nC99_A,1,2,3\n", names,
+                                    "p.csv:3: configuration '99' has no joint values, expected a configuration of "},
+                                   {"name,x,y,z\n\nC1_A,1,a,3\n", names, "p.csv:3"},
+                                   {"name,x,y,z\nC_A,1,2,3\n", names, "p.csv:2: point 'C_A'"},
+                                   {"name,x,y,z\nC1_,1,2,3\n", names, "p.csv:2: point 'C1_'"},
+                                   {"x,y,z\n1,2,3\n", names, "p.csv:1: expected a column 'name'"},
+                                   {"configuration,name,x,y,z\n1,C1_A,1,2,3\n", names, "no column 'configuration'"},
+                                   {"name,x,y,z\nC1_A,1,2,3\n", "", "or --point-names"},
+                                   {"name,x,y,z\nC1_A,1,2,3\n", "{target}", "such as C{configuration}_{target}"},
+                                   {"name,x,y,z\nC1_A,1,2,3\n", "{target}{configuration}", "between the two"}};
   for (const Case& each : cases) {
     EXPECT_THAT(refusal([&] { joined(each.points, each.names); }), HasSubstr(each.words)) << each.points;
   }

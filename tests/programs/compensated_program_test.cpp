@@ -317,6 +317,18 @@ TEST(LsProgram, WritesAnglesOfAPoseWithinHalfATurn) {
   EXPECT_NEAR(values_of(commanded[0])[3], values_of(commanded[1])[3], 0.01);
 }
 
+TEST(LsProgram, ReadsAPositionAtWhichTheControllerStands) {
+  const std::string positions = joints(1, kAtPose) + joints(2, kAtPose);
+  const std::string lines = "   1:J @P[1] 100% FINE    ;\n   2:L @P[2] 50mm/sec FINE INC    ;\n";
+  const CompensatedProgram result = compensated(bent(1e-3), program(positions, lines));
+  EXPECT_THAT(result.positions, SizeIs(1));
+  EXPECT_THAT(result.texts.front(), HasSubstr(joints(2, kAtPose)));
+  EXPECT_THAT(result.warnings, ElementsAre(HasSubstr("IN.LS:7: INC makes a position an increment")));
+  const std::string coordinated = "   1:L P[1] 50mm/sec FINE COORD[2]    ;\n";
+  EXPECT_THAT(compensated(bent(1e-3), program(joints(1, kAtPose), coordinated)).warnings,
+              ElementsAre(HasSubstr("IN.LS:6: COORD moves relative to another motion group")));
+}
+
 TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
   const Calibration found = bent(1e-3);
   // J4 = 77.661 and J6 = -79.273 without a turn; each also within its limits of +-360 with one.

@@ -278,6 +278,29 @@ TEST(UrScript, KnowsTheToolThatIsSet) {
   EXPECT_THAT(tools(set + "w = " + pose + "\nmovel(w)\n" + set + "movel(w)\n"), SizeIs(1));
 }
 
+TEST(UrScript, SaysWhatItLeavesAlone) {
+  const auto remarks = [](const std::string& text) {
+    std::vector<std::string> lines;
+    for (const ProgramRemark& remark : parsed(text).remarks) {
+      lines.push_back(remark.what.substr(0, 20) + " " + std::to_string(remark.lines.front()));
+    }
+    return lines;
+  };
+  const std::string pose = pose_text(controller_pose(kEnd));
+  const std::string joints = listed(kEnd);
+  EXPECT_THAT(remarks("movej(get_inverse_kin(" + pose + ", " + joints + ", 1e-10, 1e-10, p[0,0,0.3,0,0,0]))\n"),
+              ElementsAre("a target is computed 1"));
+  EXPECT_THAT(remarks("movej(get_inverse_kin(" + pose + ", qnear=" + joints + ", tcp=p[0,0,0.3,0,0,0]))\n"),
+              ElementsAre("a target is computed 1"));
+  EXPECT_THAT(remarks("A=" + pose + "\ndef go(A):\nmovel(A)\nend\ngo(A)\nmovej(" + joints + ")\n"),
+              ElementsAre("a target is computed 3", "a pose is no target  1"));
+  EXPECT_THAT(remarks("movej(" + joints + ")\nmovel(" + pose + ")\nset_tcp(p[0,0,0.3,0,0,0])\n"),
+              ElementsAre("set_tcp sets another 3"));
+  EXPECT_THAT(remarks("movej(" + joints + ")\nforce_mode(tool0, [0,0,1,0,0,0], [0,0,9,0,0,0], 2, limits)\n"),
+              ElementsAre("conveyors, forces an 2"));
+  EXPECT_THAT(parsed("optimovej(" + joints + ")\noptimovel(" + joints + ")\n").points, SizeIs(2));
+}
+
 TEST(UrScript, RefusesATextThatIsCutShort) {
   EXPECT_REFUSED("in.script:2: movel has no closing parenthesis", parsed("movej(home)\nmovel(p[0,0,\n"));
 }
