@@ -255,7 +255,11 @@ CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const 
       pose.translation() = from.translation() + share * (X_BF.translation() - from.translation());
     }
     found = compensator_.solve(pose, asked);
-    const CompensatedJoints nominal = found.joint_values - found.change;
+    CompensatedJoints nominal = found.joint_values - found.change;
+    if (i == kSteps && !compensator_.nominal_pose(nominal).isApprox(pose, kReached)) {
+      found = compensator_.solve(pose, near);  // the way there may leave the arm's reach
+      nominal = found.joint_values - found.change;
+    }
     if (compensator_.nominal_pose(nominal).isApprox(pose, kReached)) {
       asked = nominal;
     } else if (i == kSteps) {
