@@ -317,12 +317,12 @@ FacingTargets facing_targets_of(const Json& json, const std::string& source) {
 
 FacingTargets read_facing_targets(const std::string& file) { return facing_targets_of(read_json(file), file); }
 
-Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
+Cell cell(const CellArguments& arguments, const Robot& robot, const FacingTargets& targets,
           const JointConvention* convention, const Eigen::Isometry3d& X_BW) {
   require_tracker(arguments);
   const Eigen::Isometry3d frame = with_right_angles(X_BW);
   Cell cell;
-  cell.ranges = limits_of(model.joints);
+  cell.ranges = limits_of(robot.joints);
   const std::vector<Named> known = named_values(robot, convention);
   for (const std::string& text : arguments.joint_ranges) {
     add_joint_range(robot, known, text, cell);

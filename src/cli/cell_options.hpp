@@ -45,7 +45,7 @@ FacingTargets read_facing_targets(const std::string& file);
 /// The cell in the base frame. Warns of links without a shape if a constraint needs shapes. `X_BW`: the frame in which
 /// places are stated. Throws InputError if it is turned against the base by other than right angles: boxes would be
 /// too.
-Cell cell(const CellArguments& arguments, const Robot& robot, const ErrorModel& model, const FacingTargets& targets,
+Cell cell(const CellArguments& arguments, const Robot& robot, const FacingTargets& targets,
           const JointConvention* convention, const Eigen::Isometry3d& X_BW = Eigen::Isometry3d::Identity());
 
 /// Whether boxes, spheres, a height or a tracker are stated.

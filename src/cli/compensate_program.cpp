@@ -211,7 +211,7 @@ std::string predictions_of(const CompensatedProgram& program, const CalibratedAr
 std::vector<std::string> warnings_of(const CompensatedProgram& program, const CompensationSummary& summary) {
   std::vector<std::string> warnings = program.warnings;
   if (program.positions.empty()) {
-    warnings.push_back("no point of the program is compensated");
+    warnings.emplace_back("no point of the program is compensated");
   }
   for (const std::string& each : summary.warnings()) {
     warnings.push_back(each);
@@ -262,7 +262,8 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   if (!arguments.near.empty()) {
     near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});
   }
-  CompensatedProgram program = compensated_program(robot, Compensator(calibration, options), controller, texts, near);
+  const CompensatedProgram program =
+      compensated_program(robot, Compensator(calibration, options), controller, texts, near);
   const CompensationSummary summary = summary_of(program, robot, calibration.arm());
   const std::vector<std::string> warnings = warnings_of(program, summary);
   const std::string record = record_of(arguments, program);
@@ -272,7 +273,7 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
     } else if (files[i].option == "--report") {
       files[i].text = page_of(arguments, robot, summary, warnings);
     } else {
-      files[i].text = i < program.texts.size() ? std::move(program.texts[i]) : record;
+      files[i].text = i < program.texts.size() ? program.texts[i] : record;
     }
   }
   write_whole(files, arguments.force,

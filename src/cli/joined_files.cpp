@@ -129,72 +129,93 @@ std::string labels_in(const std::string& file, const Measurements& configuration
          shortened(comma_separated(configurations.configurations), kLongest);
 }
 
-}  // namespace
-
 // Puts the joint values in front of the points' rows. Lines keep their numbers, so that messages name the right one.
-Measurements read_joined(const Robot& robot, const JoinedFiles& files, const JointConvention* convention) {
-  const Measurements configurations = read_configurations(robot, files.joint_values, convention);
-  const std::optional<NamePattern> pattern =
-      files.names.empty() ? std::nullopt : std::optional<NamePattern>(files.names);
-  LineReader lines(std::filesystem::path(files.points));
-  std::map<std::string, std::string> heads;
-  std::optional<std::size_t> name;
-  std::optional<std::size_t> label;
-  char separator = '\0';
-  std::string csv;
-  std::vector<Comment> comments;
-  Fields cells;
-  for (std::string_view line; lines.next(line);) {
-    if (line.find_first_not_of(" \t,;") == std::string_view::npos || is_comment(line)) {
-      csv += "\n";
-      if (separator == '\0' && is_comment(line)) {
-        comments.push_back({std::string(line), lines.place().line});
+class Joining {
+public:
+  Joining(const Robot& robot, const JoinedFiles& files, const JointConvention* convention)
+      : robot_(robot),
+        files_(files),
+        configurations_(read_configurations(robot, files.joint_values, convention)),
+        pattern_(files.names.empty() ? std::nullopt : std::optional<NamePattern>(files.names)),
+        lines_(std::filesystem::path(files.points)) {}
+
+  std::string csv() {
+    for (std::string_view line; lines_.next(line);) {
+      if (line.find_first_not_of(" \t,;") == std::string_view::npos || is_comment(line)) {
+        csv_ += "\n";
+        if (separator_ == '\0' && is_comment(line)) {
+          comments_.push_back({std::string(line), lines_.place().line});
+        }
+      } else if (separator_ != '\0' || header_is_row(line)) {
+        add_row(line);
       }
-      continue;
     }
-    if (separator == '\0') {
-      const std::optional<ExportHeader> stated = export_header(comments, line, lines.source());
-      const std::string header = stated ? stated->text : std::string(line);
-      separator = separator_of(header);
-      cells.split(header, separator, lines.place());
-      name = column_of("target", cells);
-      label = column_of("configuration", cells);
-      if (!name || label.has_value() == pattern.has_value()) {
-        fail(lines.place(), pattern ? "expected a column 'name' and, with --point-names, no column 'configuration'"
+    return std::move(csv_);
+  }
+
+private:
+  // Reads the header; whether the line is a row as well, as an export states its columns in a comment.
+  bool header_is_row(std::string_view line) {
+    const std::optional<ExportHeader> stated = export_header(comments_, line, lines_.source());
+    const std::string header = stated ? stated->text : std::string(line);
+    separator_ = separator_of(header);
+    cells_.split(header, separator_, lines_.place());
+    name_ = column_of("target", cells_);
+    label_ = column_of("configuration", cells_);
+    if (!name_ || label_.has_value() == pattern_.has_value()) {
+      fail(lines_.place(), pattern_ ? "expected a column 'name' and, with --point-names, no column 'configuration'"
                                     : "expected a column 'configuration' beside --joints-file, or --point-names");
-      }
-      heads = heads_of(robot, configurations, separator);
-      const bool is_row = stated && stated->before_first;
-      if (is_row) {
-        csv.pop_back();  // the header takes the place of a comment
-      }
-      csv += heading_of(robot, separator) + row_of(cells, separator, label, name, "target");
-      if (!is_row) {
-        continue;
-      }
     }
-    cells.split(line, separator, lines.place());
-    const bool units = is_unit_row(cells);
-    if (units || *name >= cells.size() || (label && *label >= cells.size())) {
-      const std::size_t joints = independent_joints(robot.joints).size();
-      csv += std::string(joints + 1, separator) + row_of(cells, separator, label, std::nullopt, {});
-      continue;
+    heads_ = heads_of(robot_, configurations_, separator_);
+    const bool is_row = stated && stated->before_first;
+    if (is_row) {
+      csv_.pop_back();  // the header takes the place of a comment
+    }
+    csv_ += heading_of(robot_, separator_) + row_of(cells_, separator_, label_, name_, "target");
+    return is_row;
+  }
+
+  void add_row(std::string_view line) {
+    cells_.split(line, separator_, lines_.place());
+    const bool units = is_unit_row(cells_);
+    if (units || *name_ >= cells_.size() || (label_ && *label_ >= cells_.size())) {
+      const std::size_t joints = independent_joints(robot_.joints).size();
+      csv_ += std::string(joints + 1, separator_) + row_of(cells_, separator_, label_, std::nullopt, {});
+      return;
     }
     const std::optional<PointName> point =
-        pattern ? pattern->parts(cells[*name])
-                : PointName{.configuration = std::string(cells[*label]), .target = std::string(cells[*name])};
+        pattern_ ? pattern_->parts(cells_[*name_])
+                 : PointName{.configuration = std::string(cells_[*label_]), .target = std::string(cells_[*name_])};
     if (!point) {
-      fail(lines.place(), "point " + shown(cells[*name]) + " is not named as --point-names says, " +
-                              shown(files.names) + "; " + labels_in(files.joint_values, configurations));
+      fail(lines_.place(), "point " + shown(cells_[*name_]) + " is not named as --point-names says, " +
+                               shown(files_.names) + "; " + labels_in(files_.joint_values, configurations_));
     }
-    const auto head = heads.find(point->configuration);
-    if (head == heads.end()) {
-      fail(lines.place(), "configuration " + shown(point->configuration) + " has no joint values, " +
-                              labels_in(files.joint_values, configurations));
+    const auto head = heads_.find(point->configuration);
+    if (head == heads_.end()) {
+      fail(lines_.place(), "configuration " + shown(point->configuration) + " has no joint values, " +
+                               labels_in(files_.joint_values, configurations_));
     }
-    csv += head->second + row_of(cells, separator, label, name, point->target);
+    csv_ += head->second + row_of(cells_, separator_, label_, name_, point->target);
   }
-  return parse_measurements(robot, csv, nullptr, files.points, files.orientation);
+
+  const Robot& robot_;
+  const JoinedFiles& files_;
+  Measurements configurations_;
+  std::optional<NamePattern> pattern_;
+  LineReader lines_;
+  std::map<std::string, std::string> heads_;
+  std::optional<std::size_t> name_;
+  std::optional<std::size_t> label_;
+  char separator_ = '\0';
+  std::string csv_;
+  std::vector<Comment> comments_;
+  Fields cells_;
+};
+
+}  // namespace
+
+Measurements read_joined(const Robot& robot, const JoinedFiles& files, const JointConvention* convention) {
+  return parse_measurements(robot, Joining(robot, files, convention).csv(), nullptr, files.points, files.orientation);
 }
 
 }  // namespace kdl_calibration::cli

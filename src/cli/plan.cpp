@@ -115,7 +115,7 @@ PlanSetting setting(const PlanArguments& arguments) {
   if (arguments.cell.frame.empty() ? convention != nullptr : arguments.cell.frame == "world") {
     result.X_BW = controller_of_robot(request.robot).X_BW;
   }
-  request.cell = cell(arguments.cell, request.robot, model, facing, convention, result.X_BW);
+  request.cell = cell(arguments.cell, request.robot, facing, convention, result.X_BW);
   request.noise = noise(arguments, request.cell);
   request.priors = arguments.priors;
   request.effects = effect_groups(arguments.effects, {"none"});

@@ -192,7 +192,8 @@ CompensatedProgram compensated_program(const Robot& robot, const Compensator& co
   const ProgramLanguage& language = language_of(texts.front());
   Program program = language.parse(texts);
   leave_out_resting_axes(program, controller);
-  const PointCompensation compensation(robot, compensator, controller, language, program, texts);
+  const PointCompensation compensation(
+      {.robot = robot, .compensator = compensator, .controller = controller, .language = language}, program, texts);
   std::vector<Outcome> outcomes(program.points.size());
   compensate_alone(compensation, program, outcomes);
   InOrder(compensation, program, outcomes, near).compensate();

@@ -171,7 +171,7 @@ void Flow::begin(BlockKind kind, bool may_be_skipped) {
     }
     loops_.push_back(blocks_.size());
   }
-  blocks_.push_back(std::move(block));
+  blocks_.push_back(block);
 }
 
 void Flow::end_branch() {

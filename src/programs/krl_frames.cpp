@@ -101,8 +101,8 @@ FrameInForce FrameValues::of_value(std::string_view value, bool is_tool, Routine
 // The functions of the spline motions, and those that couple a base.
 FrameInForce FrameValues::of_call(const std::string& function, std::string_view argument, bool is_tool,
                                   Routine routine) {
-  static const std::set<std::string, std::less<>> kMoving = {"EK", "EB", "EB_ABS", "LK"};
-  if (kMoving.contains(function)) {
+  static const std::set<std::string, std::less<>> moving = {"EK", "EB", "EB_ABS", "LK"};
+  if (moving.contains(function)) {
     return {.kind = Kind::moving};
   }
   if (function == (is_tool ? "STOOL" : "SBASE")) {
@@ -145,12 +145,46 @@ ToolPlace FrameValues::place_of(std::string_view value, Routine routine) const {
   return is_known ? symbols_.all()[*found].frame_data->place : ToolPlace::computed;
 }
 
-ProgramFrames frames_of_config(std::string_view text, const std::string& source) {
-  const ProgramText config{.source = source, .text = std::string(text)};
+namespace {
+
+// What $config.dat says of frames and of the systems that move bases.
+struct ConfigReader {
   ProgramFrames frames;
   std::map<int, int> systems;  // of bases
-  std::set<int> moving = {};   // systems that are no robot
+  std::set<int> moving;        // systems that are no robot
   bool is_found = false;
+
+  void add_frame(const Reference& left, std::string_view line, std::string_view value, int number, const Place& place) {
+    const bool is_tool = left.name == "TOOL_DATA" || left.name == "$TOOL_DATA";
+    const std::optional<Aggregate> aggregate = aggregate_at(value, place);
+    const std::string name = printable(line.substr(0, left.size));
+    const std::optional<Position> position = aggregate ? position_in(*aggregate, place, name, true) : std::nullopt;
+    if (!position || position->is_joints || !position->is_complete()) {
+      fail(place, name + " is " + shown(value) + ", expected {X ..,Y ..,Z ..,A ..,B ..,C ..}");
+    }
+    (is_tool ? frames.tool : frames.user)[std::to_string(number)] = frame_of(*position);
+    is_found = true;
+  }
+
+  void add_system(std::string_view value, int number, const Place& place) {
+    const std::optional<Aggregate> aggregate = aggregate_at(value, place);
+    for (const Member& member : aggregate ? aggregate->members : std::vector<Member>()) {
+      if (is_word(member.name, "MACH_DEF_INDEX")) {
+        systems[number] = whole_number_in(member.value).value_or(0);
+      } else if (is_word(member.name, "MECH_TYPE") && !is_word(member.value, "#ROBOT") &&
+                 !is_word(member.value, "#NONE")) {
+        moving.insert(number);
+      }
+    }
+  }
+};
+
+}  // namespace
+
+ProgramFrames frames_of_config(std::string_view text, const std::string& source) {
+  static const std::set<std::string, std::less<>> of_frames = {"TOOL_DATA", "$TOOL_DATA", "BASE_DATA", "$BASE_DATA"};
+  const ProgramText config{.source = source, .text = std::string(text)};
+  ConfigReader reader;
   Lines lines(config);
   for (std::string_view line; lines.next(line);) {
     const Reference left = reference_at(line);
@@ -159,38 +193,21 @@ ProgramFrames frames_of_config(std::string_view text, const std::string& source)
     if (!value || !number) {
       continue;
     }
-    const bool is_tool = left.name == "TOOL_DATA" || left.name == "$TOOL_DATA";
-    if (is_tool || left.name == "BASE_DATA" || left.name == "$BASE_DATA") {
-      const std::optional<Aggregate> aggregate = aggregate_at(*value, lines.place());
-      const std::string name = printable(line.substr(0, left.size));
-      const std::optional<Position> position =
-          aggregate ? position_in(*aggregate, lines.place(), name, true) : std::nullopt;
-      if (!position || position->is_joints || !position->is_complete()) {
-        fail(lines.place(), name + " is " + shown(*value) + ", expected {X ..,Y ..,Z ..,A ..,B ..,C ..}");
-      }
-      (is_tool ? frames.tool : frames.user)[std::to_string(*number)] = frame_of(*position);
-      is_found = true;
+    if (of_frames.contains(left.name)) {
+      reader.add_frame(left, line, *value, *number, lines.place());
     } else if (left.name == "MACHINE_FRAME_DAT" || left.name == "MACHINE_DEF") {
-      const std::optional<Aggregate> aggregate = aggregate_at(*value, lines.place());
-      for (const Member& member : aggregate ? aggregate->members : std::vector<Member>()) {
-        if (is_word(member.name, "MACH_DEF_INDEX")) {
-          systems[*number] = whole_number_in(member.value).value_or(0);
-        } else if (is_word(member.name, "MECH_TYPE") && !is_word(member.value, "#ROBOT") &&
-                   !is_word(member.value, "#NONE")) {
-          moving.insert(*number);
-        }
-      }
+      reader.add_system(*value, *number, lines.place());
     }
   }
-  if (!is_found) {
+  if (!reader.is_found) {
     fail(lines.place(), "holds no TOOL_DATA and no BASE_DATA, expected $config.dat of a controller");
   }
-  for (const auto& [base, system] : systems) {
-    if (moving.contains(system)) {
-      frames.user.erase(std::to_string(base));
+  for (const auto& [base, system] : reader.systems) {
+    if (reader.moving.contains(system)) {
+      reader.frames.user.erase(std::to_string(base));
     }
   }
-  return frames;
+  return reader.frames;
 }
 
 }  // namespace kdl_calibration::krl

@@ -87,7 +87,7 @@ private:
   void end(std::string_view word, std::string_view target, const FramesInForce& frames, ReadMotion motion);
   bool ends_inline(std::string_view word, std::string_view target, const FramesInForce& frames, ReadMotion& motion);
   bool ends_in_variable(std::string_view target, const FramesInForce& frames, ReadMotion& motion);
-  void use(std::size_t symbol, const FramesInForce& frames);
+  void use(std::size_t index, const FramesInForce& frames);
   PointUse use_of(const FramesInForce& frames, const std::optional<FrameData>& own);
   FrameInForce chosen(const FrameInForce& in_force, std::optional<int> own, bool is_tool);
 

@@ -95,37 +95,45 @@ void Symbols::read(const ProgramText& text, std::size_t file) {
   LineKind open = LineKind::none;
   bool has_part = false;
   for (std::string_view line; lines.next(line);) {
-    const Place& place = lines.place();
     const RoutineLine bound = routine_line(line);
-    if (bound.kind == LineKind::routine || bound.kind == LineKind::data) {
-      if (open != LineKind::none) {
-        fail(place, "has " + shown(line) + " inside of another routine or data list, expected its end before");
-      }
-      open = bound.kind;
+    if (bound.kind != LineKind::none) {
+      open = next_part(bound, open, line, lines.place());
       has_part = true;
-      if (bound.kind == LineKind::routine) {
-        now_ = ++count_;
-        routines_.emplace(bound.name, now_);
-      }
-    } else if (bound.kind != LineKind::none) {
-      const LineKind end = open == LineKind::data ? LineKind::end_of_data : LineKind::end_of_routine;
-      if (open != LineKind::none && bound.kind != end) {
-        fail(place, "has " + shown(line) + ", expected " + (open == LineKind::data ? "ENDDAT" : "END"));
-      }
-      open = LineKind::none;
-      now_ = 0;
     } else if (!has_part) {
-      fail(place, "has " + shown(line) + " before DEF, DEFFCT or DEFDAT, expected a program in KRL");
-    } else if (!declares(line, place)) {
-      assign(line, place);
+      fail(lines.place(), "has " + shown(line) + " before DEF, DEFFCT or DEFDAT, expected a program in KRL");
+    } else if (!declares(line, lines.place())) {
+      assign(line, lines.place());
     }
   }
-  if (!has_part || open != LineKind::none) {
-    const bool is_routine = open == LineKind::routine;
-    fail(lines.place(), !has_part ? "holds no DEF, no DEFFCT and no DEFDAT, expected a program in KRL"
-                                  : std::string("ends without ") + (is_routine ? "END" : "ENDDAT") +
-                                        ", expected the whole " + (is_routine ? "routine" : "data list"));
+  if (!has_part) {
+    fail(lines.place(), "holds no DEF, no DEFFCT and no DEFDAT, expected a program in KRL");
   }
+  if (open != LineKind::none) {
+    fail(lines.place(), open == LineKind::routine ? "ends without END, expected the whole routine"
+                                                  : "ends without ENDDAT, expected the whole data list");
+  }
+}
+
+// The part that is open behind a line that begins or ends one.
+RoutineLine::Kind Symbols::next_part(const RoutineLine& bound, RoutineLine::Kind open, std::string_view line,
+                                     const Place& place) {
+  using LineKind = RoutineLine::Kind;
+  if (bound.kind == LineKind::routine || bound.kind == LineKind::data) {
+    if (open != LineKind::none) {
+      fail(place, "has " + shown(line) + " inside of another routine or data list, expected its end before");
+    }
+    if (bound.kind == LineKind::routine) {
+      now_ = ++count_;
+      routines_.emplace(bound.name, now_);
+    }
+    return bound.kind;
+  }
+  const LineKind end = open == LineKind::data ? LineKind::end_of_data : LineKind::end_of_routine;
+  if (open != LineKind::none && bound.kind != end) {
+    fail(place, "has " + shown(line) + ", expected " + (open == LineKind::data ? "ENDDAT" : "END"));
+  }
+  now_ = 0;
+  return LineKind::none;
 }
 
 // DECL GLOBAL E6POS XP1={...},XP2

@@ -76,7 +76,8 @@ private:
   };
 
   void read(const ProgramText& text, std::size_t file);
-  bool bounds(std::string_view line, const Place& place);
+  RoutineLine::Kind next_part(const RoutineLine& bound, RoutineLine::Kind open, std::string_view line,
+                              const Place& place);
   bool declares(std::string_view line, const Place& place);
   void declare(std::string_view part, const Declaration& declaration, const Place& place);
   void assign(std::string_view line, const Place& place);

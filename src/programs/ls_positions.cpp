@@ -154,6 +154,7 @@ private:
   void group(ReadPosition& read);
   void skip_group();
   void entry(ReadPosition& read);
+  void frame_or_configuration(ProgramPoint& position, std::string_view name);
   void external(ProgramPoint& position, const ExternalValue& value, std::string_view unit) const;
   ArmBranch configuration();
   NumberField number(std::string_view name);
@@ -226,22 +227,26 @@ void PositionReader::skip_group() {
   at_ = end;
 }
 
+void PositionReader::frame_or_configuration(ProgramPoint& position, std::string_view name) {
+  if (name == "CONFIG" || name == "KONFIG") {  // the second on controllers in German
+    position.branch = configuration();
+    position.notation = PointNotation::fixed_xyz;
+  } else if (name == "UF" || name == "UT") {
+    if (const std::optional<int> number = whole_number(word(","))) {
+      (name == "UF" ? position.user_frame : position.tool_frame) = std::to_string(*number);
+    }
+  } else {
+    fail("has " + shown(name) + ", expected UF, UT or CONFIG");
+  }
+}
+
 // UF : 0 | UT : 1 | CONFIG : '...' | X = ... mm | RX = ... mm | J1= ... deg | E1= ... mm
 void PositionReader::entry(ReadPosition& read) {
   ProgramPoint& position = read.position;
   std::string_view name = word(":=");
   if (take(":")) {
     skip_blanks();
-    if (name == "CONFIG" || name == "KONFIG") {  // the second on controllers in German
-      position.branch = configuration();
-      position.notation = PointNotation::fixed_xyz;
-    } else if (name == "UF" || name == "UT") {
-      if (const std::optional<int> number = whole_number(word(","))) {
-        (name == "UF" ? position.user_frame : position.tool_frame) = std::to_string(*number);
-      }
-    } else {
-      fail("has " + shown(name) + ", expected UF, UT or CONFIG");
-    }
+    frame_or_configuration(position, name);
     return;
   }
   if (position.branch && name.size() == 2 && name.front() == 'R') {

@@ -60,20 +60,19 @@ bool is_positive(const SixJoints& values) { return std::remainder(values[kFifth]
 
 }  // namespace
 
-PointCompensation::PointCompensation(const Robot& robot, const Compensator& compensator, const Controller& controller,
-                                     const ProgramLanguage& language, const Program& program,
+PointCompensation::PointCompensation(const ProgramSetup& setup, const Program& program,
                                      const std::vector<ProgramText>& texts)
-    : compensator_(compensator),
-      controller_(controller),
-      language_(language),
+    : compensator_(setup.compensator),
+      controller_(setup.controller),
+      language_(setup.language),
       frames_(program.frames),
       texts_(texts),
-      carrier_(robot, controller.external_axes),
-      robot_(carrier_.arm(robot)),
-      joints_(robot_, controller.convention ? &*controller.convention : nullptr, language) {
+      carrier_(setup.robot, setup.controller.external_axes),
+      robot_(carrier_.arm(setup.robot)),
+      joints_(robot_, setup.controller.convention ? &*setup.controller.convention : nullptr, setup.language) {
   if (std::any_of(program.points.begin(), program.points.end(),
                   [](const ProgramPoint& point) { return point.branch.has_value(); })) {
-    arm_.emplace(robot_, joints_.urdf(SixJoints(language.reference.data())));
+    arm_.emplace(robot_, joints_.urdf(SixJoints(language_.reference.data())));
   }
 }
 

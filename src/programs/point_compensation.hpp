@@ -27,13 +27,20 @@ struct CompensatedPosition {
   bool written = false;       ///< else the point is as it was, because it cannot be reached as it should
 };
 
+/// A robot, its calibration, its controller and the language of the program. Keeps references.
+struct ProgramSetup {
+  const Robot& robot;
+  const Compensator& compensator;
+  const Controller& controller;
+  const ProgramLanguage& language;
+};
+
 /// Compensates single points of one program for one robot.
 class PointCompensation {
 public:
   /// Throws InputError for a chain whose joints before the six of the arm are not all external axes, and for another
   /// arm than those with a closed form of inverse kinematics if a point needs it (ProgramPoint::branch).
-  PointCompensation(const Robot& robot, const Compensator& compensator, const Controller& controller,
-                    const ProgramLanguage& language, const Program& program, const std::vector<ProgramText>& texts);
+  PointCompensation(const ProgramSetup& setup, const Program& program, const std::vector<ProgramText>& texts);
 
   struct Outcome {
     CompensatedPosition position;

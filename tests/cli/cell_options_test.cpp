@@ -33,7 +33,7 @@ constexpr const char* kNamesakes = R"(<robot name="r"><link name="a"/><link name
 
 Cell cell_of(const CellArguments& arguments, const Robot& robot, const JointConvention* convention = nullptr,
              const cli::FacingTargets& targets = {}) {
-  return cli::cell(arguments, robot, complete_model(robot), targets, convention);
+  return cli::cell(arguments, robot, targets, convention);
 }
 
 bool holds(const Cell& cell, const VectorXd& q) {
@@ -128,7 +128,7 @@ TEST(CellOptions, PlacesAreTurnedIntoTheBase) {
                       .out_boxes = {"-1,-2,-3,1,2,4"},
                       .arm_radius = 0.1,
                       .tracker = "3,1,0"},
-                     robot, complete_model(robot), {}, nullptr, frame);
+                     robot, {}, nullptr, frame);
   };
   const Cell cell = in_world(X_BW);
   EXPECT_EQ(cell.box.lower, Vector3d(0.1 - 5.0, 0.2 + 1.0, 0.7 + 3.0));
