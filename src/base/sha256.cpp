@@ -33,16 +33,19 @@ std::string sha256(std::string_view bytes) {
   return digest.hexadecimal();
 }
 
-std::string sha256_of_file(const std::filesystem::path& path) {
+std::string sha256_of(std::FILE* file, const std::string& source) {
   constexpr std::size_t kPiece = std::size_t{1} << 16U;
-  const File file = open_file(path);
   std::vector<char> piece(kPiece);
   Sha256 digest;
   for (std::size_t count = kPiece; count == kPiece;) {
-    count = read_bytes(file.get(), piece.data(), kPiece, path.string());
+    count = read_bytes(file, piece.data(), kPiece, source);
     digest.add({piece.data(), count});
   }
   return digest.hexadecimal();
+}
+
+std::string sha256_of_file(const std::filesystem::path& path) {
+  return sha256_of(open_file(path).get(), path.string());
 }
 
 }  // namespace kdl_calibration

@@ -4,6 +4,7 @@
 
 #include <nettle/sha2.h>
 
+#include <cstdio>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -24,7 +25,10 @@ private:
 
 /// 64 lower-case hexadecimal digits.
 std::string sha256(std::string_view bytes);
-/// Hash of a file of any size, read in pieces. Throws InputError if it cannot be read.
+/// Hash of the rest of an open file of any size, read in pieces. Throws InputError, naming `source`, if it cannot be
+/// read.
+std::string sha256_of(std::FILE* file, const std::string& source);
+/// The same of a file that becomes an input by it (see open_file).
 std::string sha256_of_file(const std::filesystem::path& path);
 
 }  // namespace kdl_calibration

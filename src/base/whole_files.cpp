@@ -12,7 +12,6 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
-#include <fstream>
 #include <functional>
 #include <memory>
 #include <system_error>
@@ -20,6 +19,7 @@
 
 #include "base/sha256.hpp"
 #include "base/text.hpp"
+#include "base/text_file.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -234,19 +234,11 @@ bool are_same_file(const fs::path& one, const fs::path& other) {
   return fs::equivalent(one, other, error) && !error;
 }
 
-// Empty if it cannot be read. Unlike sha256_of_file, this makes it no input.
+// Empty if there is no such file. Unlike sha256_of_file, this makes it no input.
 std::string hash_of_existing(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::vector<char> piece(std::size_t{1} << 16U);
-  Sha256 digest;
-  std::size_t bytes = 0;
-  while (file) {
-    file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
-    const auto count = static_cast<std::size_t>(file.gcount());
-    digest.add({piece.data(), count});
-    bytes += count;
-  }
-  return bytes == 0 ? std::string() : digest.hexadecimal();
+  std::error_code error;
+  const File file(fs::is_regular_file(path, error) ? std::fopen(path.c_str(), "rb") : nullptr);
+  return file ? sha256_of(file.get(), path) : std::string();
 }
 
 // Options of outputs are among those that name files, but are no inputs.
