@@ -306,14 +306,13 @@ private:
 };
 
 std::string page_of(const CompensateArguments& arguments, const Robot& robot, const Compensation& compensation) {
-  return page_of_result("compensation",
-                        with_files(compensation.summary().json(), arguments.robot, robot,
-                                   {{"result", arguments.result},
-                                    {"joints", arguments.joints},
-                                    {"poses", arguments.poses},
-                                    {"frames", arguments.frames},
-                                    {"joint-convention", arguments.joint_convention}}),
-                        {{"points", compensation.summary().samples()}, {"warnings", compensation.warnings()}});
+  return compensation.summary().page(with_files(compensation.summary().json(), arguments.robot, robot,
+                                                {{"result", arguments.result},
+                                                 {"joints", arguments.joints},
+                                                 {"poses", arguments.poses},
+                                                 {"frames", arguments.frames},
+                                                 {"joint-convention", arguments.joint_convention}}),
+                                     compensation.warnings());
 }
 
 ExitStatus run(const CompensateArguments& arguments) {

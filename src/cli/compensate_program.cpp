@@ -15,6 +15,7 @@
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
+#include "base/units.hpp"
 #include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
 #include "cli/output_files.hpp"
@@ -94,9 +95,7 @@ std::string file_beside(const std::string& file, std::string_view extension) {
 }
 
 bool has_extension(const std::string& file, std::string_view extension) {
-  std::string own = std::filesystem::path(file).extension().string();
-  std::transform(own.begin(), own.end(), own.begin(), [](unsigned char c) { return std::tolower(c); });
-  return own == extension;
+  return lower_case(std::filesystem::path(file).extension().string()) == extension;
 }
 
 // The program, and the file that belongs to it in its language: motions before points.
@@ -225,18 +224,6 @@ std::vector<std::string> warnings_of(const CompensatedProgram& program, const Co
   return warnings;
 }
 
-std::string page_of(const ProgramArguments& arguments, const Robot& robot, const CompensationSummary& summary,
-                    const std::vector<std::string>& warnings) {
-  return page_of_result("compensation",
-                        with_files(summary.json(), arguments.robot, robot,
-                                   {{"result", arguments.result},
-                                    {"program", arguments.program},
-                                    {"controller", arguments.controller},
-                                    {"frames", arguments.frames},
-                                    {"joint-convention", arguments.joint_convention}}),
-                        {{"points", summary.samples()}, {"warnings", warnings}});
-}
-
 }  // namespace
 
 ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& robot) {
@@ -262,8 +249,9 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   if (!arguments.near.empty()) {
     near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});
   }
-  const CompensatedProgram program =
-      compensated_program(robot, Compensator(calibration, options), controller, texts, near);
+  const Compensator compensator(calibration, options);
+  const CompensatedProgram program = compensated_program(
+      {.robot = robot, .compensator = compensator, .controller = controller, .language = *language}, texts, near);
   const CompensationSummary summary = summary_of(program, robot, calibration.arm());
   const std::vector<std::string> warnings = warnings_of(program, summary);
   const std::string record = record_of(arguments, program);
@@ -271,7 +259,13 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
     if (files[i].option == "--predict") {
       files[i].text = predictions_of(program, calibration.arm());
     } else if (files[i].option == "--report") {
-      files[i].text = page_of(arguments, robot, summary, warnings);
+      files[i].text = summary.page(with_files(summary.json(), arguments.robot, robot,
+                                              {{"result", arguments.result},
+                                               {"program", arguments.program},
+                                               {"controller", arguments.controller},
+                                               {"frames", arguments.frames},
+                                               {"joint-convention", arguments.joint_convention}}),
+                                   warnings);
     } else {
       files[i].text = i < program.texts.size() ? program.texts[i] : record;
     }

@@ -10,6 +10,7 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
+#include "cli/report_pages.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "results/report_page.hpp"
@@ -175,6 +176,10 @@ Json CompensationSummary::samples() const {
         {{"ordinal", sample.ordinal}, {"status", to_string(sample.status)}, {"correction", sample.correction}});
   }
   return list;
+}
+
+std::string CompensationSummary::page(const Json& json, const std::vector<std::string>& warnings) const {
+  return page_of_result("compensation", json, {{"points", samples()}, {"warnings", warnings}});
 }
 
 std::string CompensationSummary::table() const {

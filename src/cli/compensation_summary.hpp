@@ -41,9 +41,9 @@ public:
   bool is_exact() const { return count_[0] == points_; }
   std::vector<std::string> warnings() const;
   Json json() const;
-  /// Evenly spaced points for the page, with ordinal, status and correction.
-  Json samples() const;
   std::string table() const;
+  /// The page of `json` with the files of the run.
+  std::string page(const Json& json, const std::vector<std::string>& warnings) const;
 
 private:
   struct Inexact {
@@ -60,6 +60,8 @@ private:
   };
 
   void add_sample(const Sample& sample);
+  // Evenly spaced points for the page, with ordinal, status and correction.
+  Json samples() const;
 
   const Robot& robot_;
   CalibratedArm arm_;

@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "programs/add_remark.hpp"
 #include "programs/number_fields.hpp"
-#include "programs/program_language.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -60,11 +60,10 @@ public:
         visit(i);
       }
     }
-    if (!other_ways_.empty()) {
-      program_.remarks.push_back({.what = "reaches a pose with other joint values than a motion before: its command is "
-                                          "right for the first ones, expected a pose of its own",
-                                  .lines = std::move(other_ways_)});
-    }
+    add_remark(program_.remarks,
+               "reaches a pose with other joint values than a motion before: its command is right for the first ones, "
+               "expected a pose of its own",
+               std::move(other_ways_));
   }
 
 private:
@@ -125,12 +124,10 @@ void remark_other_branches(const PointCompensation& compensation, const std::vec
     }
   }
   for (auto& [file, of_file] : lines) {
-    std::sort(of_file.begin(), of_file.end());
-    of_file.erase(std::unique(of_file.begin(), of_file.end()), of_file.end());
-    program.remarks.push_back({.what = "a motion along a path ends in another configuration (shoulder, elbow, wrist) "
-                                       "than that of the point above: its command is right for the one that is stated",
-                               .lines = std::move(of_file),
-                               .file = file});
+    add_remark(program.remarks,
+               "a motion along a path ends in another configuration (shoulder, elbow, wrist) than that of the point "
+               "above: its command is right for the one that is stated",
+               std::move(of_file), file);
   }
 }
 
@@ -187,20 +184,18 @@ std::vector<NumberField> fields_of(const Program& program, const std::vector<Out
 
 }  // namespace
 
-CompensatedProgram compensated_program(const Robot& robot, const Compensator& compensator, const Controller& controller,
-                                       const std::vector<ProgramText>& texts, const CompensatedJoints& near) {
-  const ProgramLanguage& language = language_of(texts.front());
-  Program program = language.parse(texts);
-  leave_out_resting_axes(program, controller);
-  const PointCompensation compensation(
-      {.robot = robot, .compensator = compensator, .controller = controller, .language = language}, program, texts);
+CompensatedProgram compensated_program(const ProgramSetup& setup, const std::vector<ProgramText>& texts,
+                                       const CompensatedJoints& near) {
+  Program program = setup.language.parse(texts);
+  leave_out_resting_axes(program, setup.controller);
+  const PointCompensation compensation(setup, program, texts);
   std::vector<Outcome> outcomes(program.points.size());
   compensate_alone(compensation, program, outcomes);
   InOrder(compensation, program, outcomes, near).compensate();
   remark_other_branches(compensation, outcomes, program);
   CompensatedProgram result;
   for (std::size_t file = 0; file < texts.size(); ++file) {
-    result.texts.push_back(with_numbers(texts[file].text, fields_of(program, outcomes, file), language));
+    result.texts.push_back(with_numbers(texts[file].text, fields_of(program, outcomes, file), setup.language));
   }
   result.paths = path_deviations(compensation, program, outcomes, texts);
   for (Outcome& outcome : outcomes) {

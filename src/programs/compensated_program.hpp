@@ -5,8 +5,6 @@
 #include <vector>
 
 #include "kdl_calibration/compensation.hpp"
-#include "kdl_calibration/robot.hpp"
-#include "programs/controller.hpp"
 #include "programs/point_compensation.hpp"
 #include "programs/program.hpp"
 
@@ -35,7 +33,7 @@ struct CompensatedProgram {
 /// InputError as ProgramLanguage::parse does, for a chain whose joints before the six of the arm are not all external
 /// axes, for a point without the value of one, and for a pose whose frames are not known, that no or several joint
 /// values reach in its branch, or that has another external axis.
-CompensatedProgram compensated_program(const Robot& robot, const Compensator& compensator, const Controller& controller,
-                                       const std::vector<ProgramText>& texts, const CompensatedJoints& near = {});
+CompensatedProgram compensated_program(const ProgramSetup& setup, const std::vector<ProgramText>& texts,
+                                       const CompensatedJoints& near = {});
 
 }  // namespace kdl_calibration

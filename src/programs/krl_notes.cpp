@@ -1,7 +1,8 @@
 #include "programs/krl_notes.hpp"
 
-#include <algorithm>
 #include <string_view>
+
+#include "programs/add_remark.hpp"
 
 namespace kdl_calibration::krl {
 namespace {
@@ -37,10 +38,7 @@ std::vector<ProgramRemark> Notes::remarks() const {
   std::vector<ProgramRemark> remarks;
   for (std::size_t note = 0; note < kTexts.size(); ++note) {
     for (const auto& [file, lines] : lines_[note]) {
-      ProgramRemark remark{.what = std::string(kTexts[note]), .lines = lines, .file = file};
-      std::sort(remark.lines.begin(), remark.lines.end());
-      remark.lines.erase(std::unique(remark.lines.begin(), remark.lines.end()), remark.lines.end());
-      remarks.push_back(std::move(remark));
+      add_remark(remarks, std::string(kTexts[note]), lines, file);
     }
   }
   return remarks;

@@ -43,10 +43,7 @@ enum class Note : std::uint8_t {
 class Notes {
 public:
   void add(Note note, std::size_t file, std::size_t line) {
-    std::vector<std::size_t>& lines = lines_[static_cast<std::size_t>(note)][file];
-    if (lines.empty() || lines.back() != line) {
-      lines.push_back(line);
-    }
+    lines_[static_cast<std::size_t>(note)][file].push_back(line);
   }
 
   std::vector<ProgramRemark> remarks() const;

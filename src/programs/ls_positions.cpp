@@ -12,6 +12,7 @@
 
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/add_remark.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -71,9 +72,7 @@ public:
       }
     }
     for (std::size_t i = 0; i < left.size(); ++i) {
-      if (!left[i].empty()) {
-        program.remarks.push_back({.what = kLeftBecause[i], .lines = std::move(left[i])});
-      }
+      add_remark(program.remarks, kLeftBecause[i], std::move(left[i]));
     }
   }
 

@@ -16,6 +16,7 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/add_remark.hpp"
 #include "programs/ls_positions.hpp"
 #include "programs/system_frames.hpp"
 
@@ -182,10 +183,8 @@ public:
 
   void add_remarks() {
     for (std::size_t i = 0; i < kRunTimeWords.size(); ++i) {
-      if (!lines_[i].empty()) {
-        program_.remarks.push_back({.what = fmt::format("{} {}", kRunTimeWords[i].name, kRunTimeWords[i].meaning),
-                                    .lines = std::move(lines_[i])});
-      }
+      add_remark(program_.remarks, fmt::format("{} {}", kRunTimeWords[i].name, kRunTimeWords[i].meaning),
+                 std::move(lines_[i]));
     }
   }
 
@@ -200,10 +199,7 @@ private:
 
   void note(const RunTimeWord* word, std::size_t line) {
     if (word != nullptr) {
-      std::vector<std::size_t>& lines = lines_[static_cast<std::size_t>(word - kRunTimeWords.data())];
-      if (lines.empty() || lines.back() != line) {
-        lines.push_back(line);
-      }
+      lines_[static_cast<std::size_t>(word - kRunTimeWords.data())].push_back(line);
     }
   }
 

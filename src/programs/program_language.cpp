@@ -2,10 +2,10 @@
 
 #include <fmt/core.h>
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 
 #include "base/text.hpp"
+#include "base/units.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/krl_program.hpp"
 #include "programs/ls_program.hpp"
@@ -42,12 +42,9 @@ const ProgramLanguage& language_of(const ProgramText& text) {
 }
 
 const ProgramLanguage& language_of_file(const std::string& file) {
-  std::string extension = std::filesystem::path(file).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
+  const std::string extension = lower_case(std::filesystem::path(file).extension().string());
   for (const ProgramLanguage* language : program_languages()) {
-    std::string files(language->files);
-    std::transform(files.begin(), files.end(), files.begin(), [](unsigned char c) { return std::tolower(c); });
+    const std::string files = lower_case(language->files);
     if (files.substr(0, files.find(',')) == extension) {
       return *language;
     }

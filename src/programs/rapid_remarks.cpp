@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 
+#include "programs/add_remark.hpp"
+
 namespace kdl_calibration::rapid {
 namespace {
 
@@ -109,10 +111,7 @@ void Remarks::add_unknown(std::string_view subject, std::size_t file, std::size_
 std::vector<ProgramRemark> Remarks::all() const {
   std::vector<ProgramRemark> remarks;
   for (const auto& [key, found] : lines_) {
-    std::vector<std::size_t> lines = found;
-    std::sort(lines.begin(), lines.end());
-    lines.erase(std::unique(lines.begin(), lines.end()), lines.end());
-    remarks.push_back({.what = key.second, .lines = std::move(lines), .file = key.first});
+    add_remark(remarks, key.second, found, key.first);
   }
   return remarks;
 }

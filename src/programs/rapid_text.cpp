@@ -51,14 +51,6 @@ std::string index_of(std::string_view text) {
 
 }  // namespace
 
-std::string lower_case(std::string_view word) {
-  std::string name(word);
-  for (char& c : name) {
-    c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  }
-  return name;
-}
-
 Words::Words(std::string_view text, std::string source) : text_(text), source_(std::move(source)) {
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   at_ = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;

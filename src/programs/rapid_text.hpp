@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/units.hpp"
 #include "programs/program.hpp"
 
 namespace kdl_calibration::rapid {
@@ -41,9 +42,6 @@ struct Value {
   std::string_view text;
   std::size_t line = 0;
 };
-
-/// The same with small ASCII letters: RAPID does not tell names by case.
-std::string lower_case(std::string_view word);
 
 template <typename List>
 bool contains(const List& words, std::string_view word) {

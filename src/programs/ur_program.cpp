@@ -11,6 +11,7 @@
 
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/add_remark.hpp"
 #include "programs/number_fields.hpp"
 #include "programs/pose_numbers.hpp"
 
@@ -100,11 +101,7 @@ public:
     find_unused_poses();
     leave_out_points_of_two_tools();
     for (std::size_t i = 0; i < kRemarks.size(); ++i) {
-      std::sort(lines_of_[i].begin(), lines_of_[i].end());
-      lines_of_[i].erase(std::unique(lines_of_[i].begin(), lines_of_[i].end()), lines_of_[i].end());
-      if (!lines_of_[i].empty()) {
-        program_.remarks.push_back({.what = kRemarks[i], .lines = std::move(lines_of_[i])});
-      }
+      add_remark(program_.remarks, kRemarks[i], std::move(lines_of_[i]));
     }
     return std::move(program_);
   }
@@ -317,12 +314,7 @@ private:
 
   // ---- Motions -----------------------------------------------------------------------------------------------------
 
-  void note(Remark remark, std::size_t at) {
-    std::vector<std::size_t>& lines = lines_of_[static_cast<std::size_t>(remark)];
-    if (lines.empty() || lines.back() != line(at)) {
-      lines.push_back(line(at));
-    }
-  }
+  void note(Remark remark, std::size_t at) { lines_of_[static_cast<std::size_t>(remark)].push_back(line(at)); }
 
   void set_tool(const std::vector<Span>& arguments, std::size_t at) {
     const std::optional<Literal> found = arguments.empty() || arguments.front().begin == arguments.front().end

@@ -16,7 +16,7 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "model/error_chains.hpp"
-#include "programs/compensated_program.hpp"
+#include "programs/compensation_support.hpp"
 #include "programs/ls_program.hpp"
 #include "programs/wrist_arm.hpp"
 #include "refusal.hpp"
@@ -31,6 +31,8 @@ using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 using ::testing::AllOf;
+using testing::by_kdl;
+using testing::calibration_of;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
@@ -48,19 +50,7 @@ const Controller& controller() {
   return shipped;
 }
 
-Calibration calibration_of(const ErrorModel& model, const VectorXd& errors) {
-  CalibrationParts parts;
-  parts.model = model;
-  parts.estimate.errors = parts.urdf_errors = errors;
-  parts.verdict = Verdict::trusted;
-  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
-}
-
-Calibration bent(double size) {
-  const ErrorModel model = complete_model(fanuc());
-  Random random(3);
-  return calibration_of(model, testing::random_errors(model, random, size, size));
-}
+Calibration bent(double size) { return testing::bent(fanuc(), size, 3); }
 
 using Numbers = std::array<double, 6>;
 
@@ -98,7 +88,7 @@ CompensatedProgram compensated(const Calibration& calibration, const std::string
                                const ProgramFrames& frames = {}) {
   Controller with_frames = controller();
   with_frames.frames = frames;
-  return compensated_program(fanuc(), Compensator(calibration), with_frames, {{.source = "IN.LS", .text = text}});
+  return testing::compensated(fanuc(), Compensator(calibration), with_frames, {{.source = "IN.LS", .text = text}});
 }
 
 Program parsed(const std::string& text, const std::string& source) {
@@ -135,8 +125,6 @@ Isometry3d flange_of(const Numbers& n, const Isometry3d& user = Isometry3d::Iden
 VectorXd urdf_joints(const Numbers& j) {
   return (VectorXd(6) << j[0], -j[1], j[2] + j[1], -j[3], j[4], -j[5]).finished() * kDegree;
 }
-
-Isometry3d by_kdl(const KDL::Chain& chain, const VectorXd& q) { return to_eigen(testing::kdl_pose(chain, q)); }
 
 double distance(const Isometry3d& a, const Isometry3d& b) {
   return std::max((a.translation() - b.translation()).norm(), AngleAxisd(a.linear().transpose() * b.linear()).angle());
@@ -531,18 +519,14 @@ const Robot& on_rail() {
   return robot;
 }
 
-Calibration bent_on_rail(double size) {
-  const ErrorModel model = complete_model(on_rail());
-  Random random(4);
-  return calibration_of(model, testing::random_errors(model, random, size, size));
-}
+Calibration bent_on_rail(double size) { return testing::bent(on_rail(), size, 4); }
 
 CompensatedProgram compensated_on_rail(const Calibration& calibration, const std::string& text,
                                        const std::map<int, std::string>& axes = {{1, "turn"}, {2, "rail"}}) {
   Controller with_axes = controller();
   with_axes.external_axes = axes;
-  return compensated_program(on_rail(), Compensator(calibration, {.held = {"rail", "turn"}}), with_axes,
-                             {{.source = "IN.LS", .text = text}});
+  return testing::compensated(on_rail(), Compensator(calibration, {.held = {"rail", "turn"}}), with_axes,
+                              {{.source = "IN.LS", .text = text}});
 }
 
 std::string with_axes(std::string position, double turn, double rail) {
@@ -636,7 +620,8 @@ TEST(ExternalAxes, StayOutOfItWhereTheyDoNotCarryTheArm) {
   const auto change = [&](const std::string& position, const std::map<int, std::string>& axes) {
     Controller with_axes = controller();
     with_axes.external_axes = axes;
-    return compensated_program(fanuc(), Compensator(found), with_axes, {{.source = "IN.LS", .text = program(position)}})
+    return testing::compensated(fanuc(), Compensator(found), with_axes,
+                                {{.source = "IN.LS", .text = program(position)}})
         .positions.front()
         .change;
   };

@@ -13,7 +13,7 @@
 #include "base/random.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
-#include "programs/compensated_program.hpp"
+#include "programs/compensation_support.hpp"
 #include "programs/krl_program.hpp"
 #include "programs/program_language.hpp"
 #include "refusal.hpp"
@@ -56,21 +56,13 @@ const Robot& kr6() {
 
 Isometry3d nominal(const VectorXd& q) { return to_eigen(testing::kdl_pose(kr6().chain, q)); }
 
-Calibration bent(double size, std::uint64_t seed = 5) {
-  const ErrorModel model = complete_model(kr6());
-  Random random(seed);
-  CalibrationParts parts;
-  parts.model = model;
-  parts.estimate.errors = parts.urdf_errors = testing::random_errors(model, random, size, size);
-  parts.verdict = Verdict::trusted;
-  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
-}
+Calibration bent(double size, std::uint64_t seed = 5) { return testing::bent(kr6(), size, seed); }
 
 CompensatedProgram compensated(const Calibration& found, const std::vector<ProgramText>& texts,
                                const ProgramFrames& frames = {}) {
   Controller controller = controller_of_links(kr6());
   controller.frames = frames;
-  return compensated_program(kr6(), Compensator(found), controller, texts);
+  return testing::compensated(kr6(), Compensator(found), controller, texts);
 }
 
 VectorXd six(double a, double b, double c, double d, double e, double f) {

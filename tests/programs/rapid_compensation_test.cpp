@@ -13,7 +13,7 @@
 #include "base/random.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
-#include "programs/compensated_program.hpp"
+#include "programs/compensation_support.hpp"
 #include "programs/program_language.hpp"
 #include "programs/rapid_program.hpp"
 #include "refusal.hpp"
@@ -27,6 +27,8 @@ using Eigen::Isometry3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using testing::bent;
+using testing::by_kdl;
 using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -70,23 +72,11 @@ const Robot& irb140() {
   return robot;
 }
 
-Calibration bent(const Robot& robot, double size, std::uint64_t seed) {
-  const ErrorModel model = complete_model(robot);
-  Random random(seed);
-  CalibrationParts parts;
-  parts.model = model;
-  parts.estimate.errors = parts.urdf_errors = testing::random_errors(model, random, size, size);
-  parts.verdict = Verdict::trusted;
-  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
-}
-
 CompensatedProgram compensated(const Robot& robot, const Calibration& found, const std::string& text,
                                const CompensatedJoints& near = {}) {
-  return compensated_program(robot, Compensator(found), controller_of_links(robot),
-                             {{.source = "IN.mod", .text = text}}, near);
+  return testing::compensated(robot, Compensator(found), controller_of_links(robot),
+                              {{.source = "IN.mod", .text = text}}, near);
 }
-
-Isometry3d by_kdl(const KDL::Chain& chain, const VectorXd& q) { return to_eigen(testing::kdl_pose(chain, q)); }
 
 std::string list(const std::vector<double>& numbers, int decimals) {
   std::string text;

@@ -15,7 +15,7 @@
 #include "base/random.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
-#include "programs/compensated_program.hpp"
+#include "programs/compensation_support.hpp"
 #include "programs/program_language.hpp"
 #include "refusal.hpp"
 #include "support.hpp"
@@ -104,21 +104,13 @@ VectorXd six(double a, double b, double c, double d, double e, double f) {
 const VectorXd kStart = six(0.4, -1.3, 1.7, -1.9, -1.5, 0.3);
 const VectorXd kEnd = six(0.7, -1.5, 1.9, -2.0, -1.4, 0.1);
 
-Calibration bent(double size) {
-  const ErrorModel model = complete_model(ur5());
-  Random random(8);
-  CalibrationParts parts;
-  parts.model = model;
-  parts.estimate.errors = parts.urdf_errors = testing::random_errors(model, random, size, size);
-  parts.verdict = Verdict::trusted;
-  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
-}
+Calibration bent(double size) { return testing::bent(ur5(), size, 8); }
 
 CompensatedProgram compensated(const Calibration& found, const std::string& text, const ProgramFrames& frames = {},
                                const VectorXd& near = {}) {
   Controller controller = controller_of_links(ur5());
   controller.frames = frames;
-  return compensated_program(ur5(), Compensator(found), controller, {{.source = "in.script", .text = text}}, near);
+  return testing::compensated(ur5(), Compensator(found), controller, {{.source = "in.script", .text = text}}, near);
 }
 
 const ProgramFrames& flange_as_tool() {
