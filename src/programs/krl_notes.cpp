@@ -19,6 +19,7 @@ constexpr std::array<std::string_view, static_cast<std::size_t>(Note::count)> kT
     "above",
     "tool or base are not known here: poses are compensated with those of their FDAT",
     "copies a compensated point or computes with it: motions to the copy, and what is computed from it, use that",
+    "hands a point to a routine that is not here: if that changes it (OUT), motions to it are not compensated",
     "TOOL_CORR_ON, BASE_CORR_ON or M_BAS_COR_ON moves poses at run time: compensated where they are without that",
     "a sensor corrects motions at run time: points are compensated where they are without that",
     "$ROBROOT is set by the program: poses are compensated as if it was not",

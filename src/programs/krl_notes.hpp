@@ -24,6 +24,7 @@ enum class Note : std::uint8_t {
   uncertain_frame,
   own_frame_data,
   copied,
+  handed_on,
   correction,
   sensor,
   root_set,

@@ -89,6 +89,17 @@ void StatementReader::call(const std::string& name, std::string_view rest) {
   if (routine || !(starts_with_one_of(name, kHarmless) || name == "WAIT" || name == "IF")) {
     flow_.call(routine);
   }
+  if (!routine && notes_ != nullptr) {
+    const std::optional<std::size_t> end = closing_bracket(rest);
+    for (const std::string_view part : list_parts(rest.substr(1, end.value_or(rest.size()) - 1))) {
+      const Reference argument = reference_at(part);
+      const std::optional<std::size_t> point =
+          argument.size == part.size() ? symbols_.find(argument, flow_.routine()) : std::nullopt;
+      if (point && symbols_.all()[*point].position && !symbols_.all()[*point].is_frame) {
+        note(Note::handed_on);
+      }
+    }
+  }
 }
 
 // The routine BAS of the controller. With #INITMOV it puts $WORLD and TOOL_DATA[1] in force.

@@ -86,6 +86,7 @@ Symbols::Symbols(const std::vector<ProgramText>& texts) {
       }
     }
   }
+  change_arguments();
   mark_changed();
 }
 
@@ -125,6 +126,10 @@ RoutineLine::Kind Symbols::next_part(const RoutineLine& bound, RoutineLine::Kind
     if (bound.kind == LineKind::routine) {
       now_ = ++count_;
       routines_.emplace(bound.name, now_);
+      for (const Parameter& parameter : parameters_[now_] = parameters_of(line)) {
+        types_[std::to_string(now_) + "#" + parameter.name];  // its own, whatever else has this name
+        have_own_.insert(now_);
+      }
     }
     return bound.kind;
   }
@@ -192,6 +197,10 @@ void Symbols::declare(std::string_view part, const Declaration& declaration, con
 }
 
 void Symbols::assign(std::string_view line, const Place& place) {
+  if (line.find('(') != std::string_view::npos) {
+    const std::vector<Call> calls = calls_in(line, now_);
+    calls_.insert(calls_.end(), calls.begin(), calls.end());
+  }
   const std::string_view word = word_at(line);
   if (is_word(word, "FOR")) {
     line = rest_after(line, word.size());
@@ -201,10 +210,11 @@ void Symbols::assign(std::string_view line, const Place& place) {
     return;
   }
   if (const std::optional<std::string_view> value = assigned_value(line, left)) {
+    assigned_.insert(key(left.name, now_));
     if (left.member.empty() && value->starts_with('{')) {
       define(left, line, *value, place);
     } else {
-      change(left);
+      change(left, now_);
     }
   }
 }
@@ -220,7 +230,7 @@ void Symbols::define(const Reference& left, std::string_view line, std::string_v
   const std::optional<Aggregate> aggregate = aggregate_at(value, place);
   const std::optional<std::string> element = element_key(left, now_);
   if (!element || !rest_after(value, aggregate->size).empty()) {
-    change(left);
+    change(left, now_);
     return;
   }
   Symbol symbol{.name = printable(stripped(line.substr(0, left.size))), .place = place};
@@ -242,7 +252,31 @@ void Symbols::define(const Reference& left, std::string_view line, std::string_v
   }
 }
 
-void Symbols::change(const Reference& left) { changed_.insert(element_key(left, now_).value_or(key(left.name, now_))); }
+void Symbols::change(const Reference& left, Routine routine) {
+  changed_.insert(element_key(left, routine).value_or(key(left.name, routine)));
+}
+
+// A routine that assigns to a parameter changes what it was called with, which may be a parameter too.
+void Symbols::change_arguments() {
+  for (bool is_new = true; is_new;) {
+    is_new = false;
+    for (const Call& call : calls_) {
+      const std::optional<Routine> called = routine(call.name);
+      const auto parameters = called ? parameters_.find(*called) : parameters_.end();
+      const std::size_t count =
+          parameters == parameters_.end() ? 0 : std::min(parameters->second.size(), call.arguments.size());
+      for (std::size_t i = 0; i < count; ++i) {
+        const Parameter& parameter = parameters->second[i];
+        const Reference argument = reference_at(call.arguments[i]);
+        if (parameter.is_reference && assigned_.contains(key(parameter.name, *called)) && !argument.name.empty() &&
+            argument.size == call.arguments[i].size()) {
+          is_new = assigned_.insert(key(argument.name, call.routine)).second || is_new;
+          change(argument, call.routine);
+        }
+      }
+    }
+  }
+}
 
 void Symbols::mark_changed() {
   for (const std::string& each : changed_) {

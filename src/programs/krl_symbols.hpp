@@ -11,6 +11,7 @@
 #include <unordered_set>
 #include <vector>
 
+#include "programs/krl_calls.hpp"
 #include "programs/krl_position.hpp"
 #include "programs/krl_text.hpp"
 
@@ -82,7 +83,8 @@ private:
   void declare(std::string_view part, const Declaration& declaration, const Place& place);
   void assign(std::string_view line, const Place& place);
   void define(const Reference& left, std::string_view line, std::string_view value, const Place& place);
-  void change(const Reference& left);
+  void change(const Reference& left, Routine routine);
+  void change_arguments();
   void mark_changed();
   std::string key(const std::string& name, Routine routine) const;
   std::optional<std::string> element_key(const Reference& reference, Routine routine) const;
@@ -95,6 +97,9 @@ private:
   std::unordered_map<std::string, int> constants_;
   std::unordered_set<std::string> initial_;  // keys with a value in their declaration
   std::unordered_set<std::string> changed_;
+  std::unordered_set<std::string> assigned_;  // keys of variables, without index
+  std::unordered_map<Routine, std::vector<Parameter>> parameters_;
+  std::vector<Call> calls_;
   std::unordered_map<std::string, Routine> routines_;
   Routine now_ = 0;
   Routine count_ = 0;

@@ -42,6 +42,7 @@ void ModuleReader::declaration() {
   if (!words_.is_word("const") && !words_.is_word("pers") && !words_.is_word("var")) {
     words_.fail(words_.found() + ", expected CONST, PERS, VAR or a routine");
   }
+  const bool is_constant = words_.is_word("const");
   words_.take();
   const std::optional<Type> type = type_of(lower_case(words_.expect_word("a type").text));
   if (!type) {
@@ -50,6 +51,7 @@ void ModuleReader::declaration() {
   }
   const Token name = words_.expect_word("the name of the data");
   Datum datum{.type = *type, .name = std::string(name.text), .file = file_, .line = name.line};
+  datum.is_constant = is_constant;
   std::size_t dimensions = 0;
   if (words_.is("{")) {
     words_.take();
@@ -178,17 +180,22 @@ void ModuleReader::routine() {
   if (is_function) {
     words_.expect_word("the type of the function");
   }
-  modules_.routines_.insert(lower_case(words_.expect_word("the name of the routine").text));
-  scope_ = add_scope(module_);
+  const std::string name = lower_case(words_.expect_word("the name of the routine").text);
+  Routine routine{.scope = add_scope(module_), .parameters = {}};
+  begin_scope(routine.scope);
   if (words_.is("(")) {
-    parameters();
+    routine.parameters = parameters();
   }
+  modules_.routines_.emplace(name, std::move(routine));
 }
 
 // (robtarget place, \switch on | \num distance, PERS tooldata tool, VAR robtarget path{*})
-void ModuleReader::parameters() {
+std::vector<Parameter> ModuleReader::parameters() {
+  constexpr std::array kReferences = std::to_array<std::string_view>({"inout", "var", "pers", "ref"});
   const std::size_t line = words_.peek().line;
   words_.expect("(");
+  std::vector<Parameter> result;
+  Parameter next;
   std::string type;
   Token name;
   const auto keep = [&] {
@@ -197,6 +204,11 @@ void ModuleReader::parameters() {
       modules_.data_.push_back(
           {.type = *known, .name = std::string(name.text), .file = file_, .line = name.line, .is_parameter = true});
     }
+    if (!type.empty()) {
+      next.name = lower_case(name.text);
+      result.push_back(next);
+    }
+    next = {};
     type.clear();
     name = {};
   };
@@ -206,17 +218,20 @@ void ModuleReader::parameters() {
     }
     if (words_.is(",") || words_.is("|") || words_.is("\\")) {
       keep();
+      next.is_optional = words_.is("\\");
     } else if (words_.is("{")) {
       words_.skip_brackets();
       continue;
     } else if (words_.peek().kind == TokenKind::word) {
       type = lower_case(name.text);
       name = words_.peek();
+      next.is_reference = next.is_reference || contains(kReferences, lower_case(name.text));
     }
     words_.take();
   }
   keep();
   words_.expect(")");
+  return result;
 }
 
 }  // namespace kdl_calibration::rapid

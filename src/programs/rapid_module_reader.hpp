@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "programs/rapid_modules.hpp"
 #include "programs/rapid_text.hpp"
@@ -22,6 +23,7 @@ public:
 private:
   void module();
   std::size_t add_scope(std::size_t parent);
+  void begin_scope(std::size_t scope);
 
   void statement();
   void declaration();
@@ -30,7 +32,7 @@ private:
   void item(Datum& datum, const std::string& index);
   void add(Datum datum, bool is_local);
   void routine();
-  void parameters();
+  std::vector<Parameter> parameters();
   void record();
   void assignment_or_instruction(const Token& name);
   void instruction(const Token& name);

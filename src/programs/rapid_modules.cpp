@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <array>
+#include <iterator>
 
 #include "base/text.hpp"
 #include "programs/rapid_module_reader.hpp"
@@ -48,6 +49,18 @@ Datum* Modules::find(std::size_t scope, const std::string& name) {
   }
 }
 
+std::vector<const Routine*> Modules::routines_of(const std::string& name) const {
+  std::vector<const Routine*> result;
+  const auto [begin, end] = routines_.equal_range(name);
+  std::for_each(begin, end, [&](const auto& each) { result.push_back(&each.second); });
+  return result;
+}
+
+std::size_t Modules::scope_at(std::size_t file, std::size_t line) const {
+  const auto next = scope_from_.upper_bound({file, line});
+  return next == scope_from_.begin() || std::prev(next)->first.first != file ? 0 : std::prev(next)->second;
+}
+
 void ModuleReader::read() {
   if (!words_.is_word("module")) {
     words_.fail(words_.found() + ", expected MODULE: a RAPID program");
@@ -76,7 +89,7 @@ void ModuleReader::module() {
   if (words_.is("(")) {
     words_.skip_brackets();
   }
-  scope_ = module_ = add_scope(0);
+  begin_scope(module_ = add_scope(0));
   while (!words_.is_word("endmodule")) {
     if (words_.is_end()) {
       words_.fail("the text ends here without ENDMODULE, expected the whole program");
@@ -88,6 +101,12 @@ void ModuleReader::module() {
   }
   words_.take();
   scope_ = module_ = 0;
+}
+
+// Until another one begins.
+void ModuleReader::begin_scope(std::size_t scope) {
+  scope_ = scope;
+  modules_.scope_from_[{file_, words_.peek().line}] = scope;
 }
 
 std::size_t ModuleReader::add_scope(std::size_t parent) {
@@ -103,7 +122,7 @@ void ModuleReader::statement() {
     routine();
   } else if (word == "endproc" || word == "endfunc" || word == "endtrap") {
     words_.take();
-    scope_ = module_;
+    begin_scope(module_);
   } else if (word == "record") {
     record();
   } else if (word == "if" || word == "elseif" || word == "while") {

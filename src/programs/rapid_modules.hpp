@@ -7,11 +7,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <string_view>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "programs/program.hpp"
@@ -53,6 +55,7 @@ struct Datum {
   std::size_t file = 0;
   std::size_t line = 0;
   bool is_parameter = false;
+  bool is_constant = false;
   bool is_array = false;
   bool is_assigned = false;                               ///< at run time
   std::vector<std::size_t> items;                         ///< places or frames; empty without a value
@@ -79,6 +82,17 @@ struct Instruction {
   std::vector<Argument> arguments;
 };
 
+struct Parameter {
+  std::string name;  ///< in lower case
+  bool is_optional = false;
+  bool is_reference = false;  ///< INOUT, VAR, PERS or REF: the routine may change the argument
+};
+
+struct Routine {
+  std::size_t scope = 0;
+  std::vector<Parameter> parameters;
+};
+
 /// What modules declare. A scope is a routine, a module, or the whole program (0).
 class Modules {
 public:
@@ -93,6 +107,10 @@ public:
   /// The datum that a name, in lower case, means in this scope; null if there is none.
   Datum* find(std::size_t scope, const std::string& name);
   bool has_routine(const std::string& name) const { return routines_.contains(name); }
+  /// All of a name in lower case; modules may have LOCAL ones of the same name.
+  std::vector<const Routine*> routines_of(const std::string& name) const;
+  /// The scope of a line of a text.
+  std::size_t scope_at(std::size_t file, std::size_t line) const;
 
   std::vector<Place> places;
   std::vector<Frame> frames;
@@ -108,8 +126,9 @@ private:
 
   std::vector<Scope> scopes_;
   std::vector<Datum> data_;
-  std::set<std::string> routines_;
-  std::set<std::string> keys_;  // of frames
+  std::unordered_multimap<std::string, Routine> routines_;
+  std::map<std::pair<std::size_t, std::size_t>, std::size_t> scope_from_;  // scopes by the file and line of their begin
+  std::set<std::string> keys_;                                             // of frames
   std::set<std::string, std::less<>> noted_;
 };
 

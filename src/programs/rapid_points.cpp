@@ -10,6 +10,7 @@
 
 #include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "programs/rapid_assignments.hpp"
 #include "programs/rapid_modules.hpp"
 #include "programs/rapid_remarks.hpp"
 #include "programs/rapid_use.hpp"
@@ -28,11 +29,10 @@ public:
     joint_check_ = BranchCheck("confj", modules_.instructions);
     line_check_ = BranchCheck("confl", modules_.instructions);
     uses_.resize(modules_.places.size());
-    is_assigned_.resize(modules_.places.size());
   }
 
   Program program() {
-    read_assignments();
+    is_assigned_ = mark_assigned(texts_, modules_, remarks_);
     add_frames();
     for (const Instruction& instruction : modules_.instructions) {
       read(instruction);
@@ -52,8 +52,6 @@ private:
     throw InputError(fmt::format("{}:{}: {}", texts_[at.file].source, at.line, what));
   }
 
-  void read_assignments();
-  void assign(const Instruction& at, const std::string& name);
   void add_frames();
   std::optional<std::size_t> frame(const Instruction& at, const Value& value, Type type);
   std::size_t frame_outside(const std::string& key, bool is_tool);
@@ -88,43 +86,6 @@ private:
 };
 
 // ---- Data ----------------------------------------------------------------------------------------------------------
-
-void ProgramBuilder::read_assignments() {
-  for (const Instruction& each : modules_.assignments) {
-    assign(each, each.name);
-  }
-  for (const Instruction& each : modules_.instructions) {  // SearchL writes where the signal came
-    const std::optional<MotionKind> kind = motion_kind(each.name);
-    std::size_t position = 0;
-    for (const Argument& argument : each.arguments) {
-      const bool is_found_point = kind && kind->stops_on_signal && argument.option.empty() && position++ == 1;
-      if (is_found_point) {
-        assign(each, argument.value.name);
-      }
-    }
-  }
-}
-
-void ProgramBuilder::assign(const Instruction& at, const std::string& name) {
-  Datum* datum = modules_.find(at.scope, name);
-  if (datum == nullptr) {
-    return;
-  }
-  datum->is_assigned = true;
-  if (datum->type == Type::tooldata || datum->type == Type::wobjdata) {
-    remarks_.add(
-        "a tool or work object is set at run time: poses are compensated with its value in the program or in "
-        "--frames",
-        at.file, at.line);
-    for (const std::size_t frame : datum->items) {
-      modules_.frames[frame].is_assigned = true;
-    }
-  } else if (datum->type == Type::robtarget || datum->type == Type::jointtarget) {
-    for (const std::size_t place : datum->items) {
-      is_assigned_[place] = true;
-    }
-  }
-}
 
 // Tools that differ in nothing but their load are the same to a place.
 void ProgramBuilder::add_frames() {
