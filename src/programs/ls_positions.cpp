@@ -7,7 +7,8 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
-#include <set>
+#include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 #include "base/text.hpp"
@@ -43,42 +44,57 @@ public:
 
   // `motions`: their positions by number.
   void read(Program& program, const std::vector<LsMotion>& motions) {
-    std::set<int> numbers;
-    std::set<int> untaught;
-    std::array<std::vector<std::size_t>, kLeftBecause.size()> left;
+    for (const LsMotion& motion : motions) {
+      if (motion.is_increment && motion.position) {
+        increments_.insert(*motion.position);
+      }
+    }
+    program.points.reserve(motions.size());
     for (skip_blanks(); !at_end() && !starts("/END"); skip_blanks()) {
-      ReadPosition read = position();
-      const int number = read.number;
-      const std::size_t line = read.position.line;
-      if (!numbers.insert(number).second) {
-        line_ = line;
-        fail("is there twice, expected each position once");
-      }
-      if (!read.left) {
-        program.points.push_back(std::move(read.position));
-        continue;
-      }
-      left[static_cast<std::size_t>(*read.left)].push_back(line);
-      if (read.left == Left::untaught) {
-        untaught.insert(number);
-      }
+      add(position(), program);
     }
     require_end();
-    for (const LsMotion& motion : motions) {
-      if (motion.position && untaught.contains(*motion.position)) {
-        line_ = motion.motion.line;
-        fail(fmt::format("moves to P[{}], which is not taught (********), expected a taught position",
-                         *motion.position));
-      }
+    program.motions.reserve(motions.size());
+    for (const LsMotion& each : motions) {
+      program.motions.push_back(each.motion);
+      program.motions.back().point = place_of(each);
     }
-    for (std::size_t i = 0; i < left.size(); ++i) {
-      add_remark(program.remarks, kLeftBecause[i], std::move(left[i]));
+    for (std::size_t i = 0; i < left_.size(); ++i) {
+      add_remark(program.remarks, kLeftBecause[i], std::move(left_[i]));
     }
   }
 
 private:
   [[noreturn]] void fail(const std::string& what) const {
     throw InputError(fmt::format("{}:{}: {}{}", source_, line_, where_, what));
+  }
+
+  // A position that a motion with INC uses is no place, but an increment: it stays as it is.
+  void add(ReadPosition read, Program& program) {
+    const bool is_point = !read.left && !increments_.contains(read.number);
+    const Found found{.point = is_point ? std::optional(program.points.size()) : std::nullopt,
+                      .is_untaught = read.left == Left::untaught};
+    if (!found_.try_emplace(read.number, found).second) {
+      line_ = read.position.line;
+      fail("is there twice, expected each position once");
+    }
+    if (read.left) {
+      left_[static_cast<std::size_t>(*read.left)].push_back(read.position.line);
+    } else if (is_point) {
+      program.points.push_back(std::move(read.position));
+    }
+  }
+
+  std::optional<std::size_t> place_of(const LsMotion& motion) {
+    const auto found = motion.position ? found_.find(*motion.position) : found_.end();
+    if (found == found_.end()) {
+      return std::nullopt;
+    }
+    if (found->second.is_untaught) {
+      line_ = motion.motion.line;
+      fail(fmt::format("moves to P[{}], which is not taught (********), expected a taught position", *motion.position));
+    }
+    return found->second.point;
   }
 
   void require_end() {
@@ -163,6 +179,14 @@ private:
   std::size_t at_;
   std::size_t line_;
   std::string where_;  // "P[3]: "
+
+  struct Found {
+    std::optional<std::size_t> point;  // index
+    bool is_untaught = false;
+  };
+  std::unordered_map<int, Found> found_;  // by number
+  std::unordered_set<int> increments_;
+  std::array<std::vector<std::size_t>, kLeftBecause.size()> left_;  // lines
 };
 
 ReadPosition PositionReader::position() {

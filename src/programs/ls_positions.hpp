@@ -19,8 +19,9 @@ struct LsMotion {
   bool is_increment = false;  // INC: the position is a step, no place
 };
 
-/// Adds the positions of a FANUC program, which begin at `at` in this line behind /POS, and remarks on those that stay
-/// as they are. Throws InputError for a motion to a position that was not taught, and for bad text.
+/// Adds the positions of a FANUC program, which begin at `at` in this line behind /POS, and its motions to them, with
+/// remarks on positions that stay as they are. Throws InputError for a motion to a position that was not taught, and
+/// for bad text.
 void read_ls_positions(const ProgramText& program_text, std::size_t at, std::size_t line, Program& program,
                        const std::vector<LsMotion>& motions);
 

@@ -7,9 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <map>
 #include <numbers>
-#include <set>
 #include <utility>
 
 #include "base/degree.hpp"
@@ -259,31 +257,6 @@ std::string_view line_at(std::string_view text, std::size_t at) {
   return text.substr(at, std::min(text.find('\n', at), text.size()) - at);
 }
 
-// A position that a motion with INC uses is no place, but an increment: it stays as it is.
-void leave_out_increments(Program& program, const std::vector<LsMotion>& motions) {
-  std::set<std::string> increments;
-  for (const LsMotion& motion : motions) {
-    if (motion.is_increment && motion.position) {
-      increments.insert(fmt::format("P[{}]", *motion.position));
-    }
-  }
-  std::erase_if(program.points, [&](const ProgramPoint& point) { return increments.contains(point.name); });
-}
-
-void add_motions(Program& program, const std::vector<LsMotion>& motions) {
-  std::map<std::string, std::size_t> places;
-  for (std::size_t i = 0; i < program.points.size(); ++i) {
-    places[program.points[i].name] = i;
-  }
-  for (const LsMotion& each : motions) {
-    const auto found = each.position ? places.find(fmt::format("P[{}]", *each.position)) : places.end();
-    program.motions.push_back(each.motion);
-    if (found != places.end()) {
-      program.motions.back().point = found->second;
-    }
-  }
-}
-
 bool is_ls_program(std::string_view text) { return text.starts_with("/PROG"); }
 
 Program parse_ls_program(const std::vector<ProgramText>& texts) {
@@ -303,8 +276,6 @@ Program parse_ls_program(const std::vector<ProgramText>& texts) {
     if (content.starts_with("/POS")) {
       statements.add_remarks();
       read_ls_positions(texts.front(), at, line + 1, program, statements.motions());
-      leave_out_increments(program, statements.motions());
-      add_motions(program, statements.motions());
       return program;
     }
     if (line > 1 && (content.starts_with("/PROG") || content.starts_with("/END"))) {
