@@ -205,6 +205,7 @@ ProgramFrames frames_of_config(std::string_view text, const std::string& source)
   for (const auto& [base, system] : reader.systems) {
     if (reader.moving.contains(system)) {
       reader.frames.user.erase(std::to_string(base));
+      reader.frames.moving_user.insert(std::to_string(base));
     }
   }
   return reader.frames;

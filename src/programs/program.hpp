@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -82,6 +83,8 @@ struct ProgramRemark {
 struct ProgramFrames {
   std::map<std::string, Eigen::Isometry3d> user;
   std::map<std::string, Eigen::Isometry3d> tool;
+  std::set<std::string> moving_user;     ///< user frames that the robot holds, or that something else moves
+  std::set<std::string> standing_tools;  ///< tools that stand in the cell
 };
 
 struct Program {

@@ -31,6 +31,11 @@ const std::vector<const ProgramLanguage*>& program_languages() {
 }
 
 const ProgramLanguage& language_of(const ProgramText& text) {
+  if (text.text.starts_with("\x1f\x8b")) {  // gzip
+    throw InputError(text.source +
+                     ": is compressed, as a .urp of Universal Robots is, whose format is not documented, expected the "
+                     ".script that the controller saves beside it");
+  }
   const auto& languages = program_languages();
   const auto found = std::find_if(languages.begin(), languages.end(),
                                   [&](const ProgramLanguage* language) { return language->is_written_in(text.text); });

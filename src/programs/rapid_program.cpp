@@ -33,7 +33,9 @@ ProgramFrames read_frames(std::string_view text, const std::string& source) {
   modules.read_declarations({.source = source, .text = std::string(text)});
   ProgramFrames frames;
   for (const Frame& frame : modules.frames) {
-    if (frame.pose && !frame.stands_still && !frame.is_moved) {
+    if (frame.stands_still || frame.is_moved) {
+      (frame.is_tool ? frames.standing_tools : frames.moving_user).insert(frame.key);
+    } else if (frame.pose) {
       (frame.is_tool ? frames.tool : frames.user)[frame.key] = *frame.pose;
     }
   }

@@ -242,6 +242,7 @@ TEST(KrlFrames, ReadsToolsAndBasesOfAController) {
       Eigen::Translation3d(0.01, 0, 0.775) * Eigen::AngleAxisd(90 * kDegree, Eigen::Vector3d::UnitY()), 1e-12));
   EXPECT_NEAR(frames.user.at("1").translation().y(), -1.83693604, 1e-12);
   EXPECT_FALSE(frames.user.contains("2")) << "a turntable moves it";
+  EXPECT_THAT(frames.moving_user, ::testing::ElementsAre("2"));
   EXPECT_TRUE(frames.user.contains("3"));
 }
 

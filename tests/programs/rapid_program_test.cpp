@@ -377,6 +377,8 @@ TEST(RapidProgram, ReadsFramesOfABackup) {
     EXPECT_LT((frames.tool.at("tgun") * Vector3d(0.0, 0.0, 0.1) - Vector3d(0.11, 0.0, 0.125)).norm(), 1e-7);
     EXPECT_LT((frames.user.at("wpart") * Vector3d::Zero() - Vector3d(0.0, 0.1, 0.0)).norm(), 1e-7);
     EXPECT_TRUE(frames.tool.contains("tool0") && frames.user.contains("wobj0"));
+    EXPECT_THAT(frames.standing_tools, ElementsAre("tfixed"));
+    EXPECT_THAT(frames.moving_user, ElementsAre("wtable"));
   }
 }
 

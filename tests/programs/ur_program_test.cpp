@@ -294,7 +294,25 @@ TEST(UrScript, SaysWhatItLeavesAlone) {
 }
 
 TEST(UrScript, RefusesATextThatIsCutShort) {
-  EXPECT_REFUSED("in.script:2: movel has no closing parenthesis", parsed("movej(home)\nmovel(p[0,0,\n"));
+  const std::string whole =
+      "def go():\n  thread watch():\n    while (True):\n      if not (a[1] == 2):  # def (\n        sync()\n      elif "
+      "b:\n        textmsg(\"if (\", [1, {2}])\n      end\n    end\n  end\n  sends = obj.end\n  movej(" +
+      listed(kStart) + ")\nend\ngo()\n";
+  EXPECT_THAT(parsed(whole).points, SizeIs(1));
+  int cut = 0;
+  for (std::size_t size = whole.find("go"); size < whole.rfind("end"); ++size) {
+    cut +=
+        testing::refusal([&] { parsed(whole.substr(0, size)); }).find("expected the whole program") != std::string::npos
+            ? 1
+            : 0;
+  }
+  EXPECT_EQ(cut, static_cast<int>(whole.rfind("end") - whole.find("go")));
+  EXPECT_REFUSED("in.script:2: '[' has no ']', expected the whole program", parsed("movej(home)\nmovel(p[0,0,\n"));
+  EXPECT_REFUSED("in.script:1: 'def' has no 'end', expected", parsed("def go():\n  if x:\n  end\n  movej(home)\n"));
+  EXPECT_REFUSED("in.script:2: '(' has no ')' before the 'end' in line 3, expected",
+                 parsed("def go():\n  movej((home)\nend\n"));
+  EXPECT_REFUSED("in.script:2: 'end' ends nothing, expected the whole program", parsed("movej(home)\nend\n"));
+  EXPECT_REFUSED("in.script:1: ')' ends nothing", parsed("movej(home))\n"));
 }
 
 TEST(ProgramLanguages, AreToldFromTheText) {
@@ -305,6 +323,10 @@ TEST(ProgramLanguages, AreToldFromTheText) {
   EXPECT_EQ(name("/PROG  A\n/MN\n 1:  CALL movej(1) ;\n/POS\n/END\n"), "FANUC LS");
   EXPECT_REFUSED("in:1: begins with 'G00 X1', expected a program in one of these languages: FANUC LS (.LS), ",
                  name("G00 X1\n"));
+  EXPECT_REFUSED(
+      "in: is compressed, as a .urp of Universal Robots is, whose format is not documented, expected the "
+      ".script",
+      name("\x1f\x8b\x08"));
 }
 
 }  // namespace
