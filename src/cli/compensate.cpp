@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <map>
 #include <memory>
 #include <span>
@@ -21,6 +22,7 @@
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/pose_ways.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/subcommands.hpp"
@@ -119,6 +121,7 @@ public:
         frames_(frames_of(arguments)),
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses,
                  orientation_reading(arguments.orientation)),
+        ways_(robot, compensator_),
         summary_(robot, calibration_.arm()),
         warnings_(other_notes(arguments)) {
     if (!arguments.near.empty()) {
@@ -172,8 +175,8 @@ public:
   }
   std::vector<std::string> warnings() const {
     std::vector<std::string> result = warnings_;
-    for (const std::string& warning : summary_.warnings()) {
-      result.push_back(warning);
+    for (const auto& warnings : {summary_.warnings(), ways_.warnings()}) {
+      result.insert(result.end(), warnings.begin(), warnings.end());
     }
     return result;
   }
@@ -221,8 +224,9 @@ private:
         point = compensator_.solve(program.joint_values.col(column));
       } else {
         asked = frames_.X_BU * program.poses[i] * frames_.X_FT.inverse();
-        point = program_.states_joints() ? compensator_.solve(asked, program.joint_values.col(column))
-                                         : near_previous(asked);
+        point = program_.states_joints()
+                    ? compensator_.solve(asked, program.joint_values.col(column))
+                    : near_previous(asked, [&] { return label_of(piece, summary_.points())(begin + i); });
         if (!nominal_reaches(asked, point)) {
           continue;  // the row stays as it is
         }
@@ -260,14 +264,15 @@ private:
     return spread_of_ways_ > kTold;
   }
 
-  CompensatedPoint near_previous(const Eigen::Isometry3d& asked) {
+  // `label`: of the row.
+  CompensatedPoint near_previous(const Eigen::Isometry3d& asked, const std::function<std::string()>& label) {
     constexpr int kMostChecked = 100;
     CompensatedPoint point;
     if (arguments_.near.empty() && !depends_on_way() && checked_++ < kMostChecked) {
       spread_of_ways_ = std::max(spread_of_ways_, compensator_.spread_of_ways(asked));
     }
     if (previous_.size() > 0) {
-      point = compensator_.solve(asked, previous_);
+      point = arguments_.near.empty() ? compensator_.solve(asked, previous_) : ways_.solve(asked, previous_, label);
     }
     if (point.status == CompensationStatus::unreachable || point.status == CompensationStatus::out_of_limits) {
       point = compensator_.solve(asked);
@@ -296,6 +301,7 @@ private:
   Compensator compensator_;
   ControllerFrames frames_;
   ProgramFile program_;
+  PoseWays ways_;
   CompensationSummary summary_;
   std::vector<std::string> warnings_;
   std::string predicted_{kPredictionHeader};
@@ -404,10 +410,10 @@ Subcommand add_compensate(CLI::App& parser) {
            "Joint convention, world frame and faceplate for --program (JSON) [joints of the URDF, its links base and "
            "tool0; FANUC: those of the R-2000iC/165F]")
       ->needs(program);
-  add_list(*app, "--external-axis", arguments->external_axes,
-           "External axis of --program and the joint of the URDF that it is, such as a rail before the arm, or none if "
-           "it does "
-           "not carry the arm; it keeps its values; repeatable")
+  add_list(
+      *app, "--external-axis", arguments->external_axes,
+      "External axis of --program and the joint of the URDF that it is, such as a rail before the arm (-JOINT where "
+      "it counts the other way), or none if it does not carry the arm; it keeps its values; repeatable")
       ->type_name("E1=JOINT")
       ->needs(program);
   add_file(*app, "--frames", arguments->frames,

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
+#include <numeric>
+#include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -14,7 +16,6 @@
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
-#include "base/text_file.hpp"
 #include "base/units.hpp"
 #include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
@@ -26,25 +27,28 @@
 #include "kdl_calibration/result_file.hpp"
 #include "programs/compensated_program.hpp"
 #include "programs/program_language.hpp"
+#include "programs/program_text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
 constexpr std::string_view kRecord = ".kdlcal.json";  // after the name of the program
 
-// Joints of the robot by the number of an external axis, from texts such as "E1=rail".
-std::map<int, std::string> external_axes_of(const std::vector<std::string>& texts, const Robot& robot) {
-  std::map<int, std::string> axes;
+// Joints of the robot by the number of an external axis, from texts such as "E1=rail" and "E2=-turntable".
+std::map<int, ExternalAxis> external_axes_of(const std::vector<std::string>& texts, const Robot& robot) {
+  std::map<int, ExternalAxis> axes;
   const std::vector<std::string> joints = joint_names(robot);
   for (const auto& [axis, joint] : keys_and_values("--external-axis", texts)) {
     if (axis.size() != 2 || axis.front() != 'E' || axis.back() < '1' || axis.back() > '6') {
       throw InputError("--external-axis: " + shown(axis) + " is no external axis, expected E1 to E6");
     }
-    if (joint != kNotOfTheArm && std::find(joints.begin(), joints.end(), joint) == joints.end()) {
+    const bool is_reversed = joint.starts_with('-');
+    const std::string name = joint.substr(is_reversed ? 1 : 0);
+    if (joint != kNotOfTheArm && std::find(joints.begin(), joints.end(), name) == joints.end()) {
       throw InputError("--external-axis: " + robot.source + " has no joint " + shown(joint) +
                        ", expected none, or one of " + comma_separated(joints));
     }
-    axes[axis.back() - '0'] = joint;
+    axes[axis.back() - '0'] = {.joint = name, .is_reversed = is_reversed};
   }
   return axes;
 }
@@ -100,7 +104,7 @@ bool has_extension(const std::string& file, std::string_view extension) {
 
 // The program, and the file that belongs to it in its language: motions before points.
 std::vector<ProgramText> texts_of(const std::string& file, const ProgramLanguage*& language) {
-  std::vector<ProgramText> texts = {{.source = file, .text = read_text_file(file)}};
+  std::vector<ProgramText> texts = {{.source = file, .text = read_program_text(file)}};
   language = &language_of(texts.front());
   if (language->companion.empty()) {
     return texts;
@@ -109,7 +113,7 @@ std::vector<ProgramText> texts_of(const std::string& file, const ProgramLanguage
   const std::string main_extension(language->files.substr(0, language->files.find_first_of(", ")));
   const std::string other = file_beside(file, is_companion ? main_extension : language->companion);
   if (!other.empty()) {
-    texts.insert(is_companion ? texts.begin() : texts.end(), {.source = other, .text = read_text_file(other)});
+    texts.insert(is_companion ? texts.begin() : texts.end(), {.source = other, .text = read_program_text(other)});
   }
   return texts;
 }
@@ -131,7 +135,7 @@ std::vector<OutputFile> outputs_of(const ProgramArguments& arguments, const std:
 void require_programs_of_the_user(const std::vector<ProgramText>& texts) {
   for (const ProgramText& beside : texts) {
     const std::string record = beside.source + std::string(kRecord);
-    const std::string written = std::filesystem::exists(record) ? read_text_file(record) : std::string();
+    const std::string written = std::filesystem::exists(record) ? read_program_text(record) : std::string();
     for (const ProgramText& text : texts) {
       if (written.find(sha256(text.text)) != std::string::npos) {
         throw InputError(text.source + ": this program is compensated already, expected the original");
@@ -180,8 +184,10 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
       blocks[begin / kBlock] += (i == 0 ? "\n    " : ",\n    ") + line_of(program.positions[i]);
     }
   });
-  for (const std::string& block : blocks) {
-    text += block;
+  text.reserve(std::accumulate(blocks.begin(), blocks.end(), text.size() + 16,
+                               [](std::size_t size, const std::string& block) { return size + block.size(); }));
+  for (std::string& block : blocks) {
+    text += std::exchange(block, {});
   }
   text += "\n  ]\n}\n";
   return text;
@@ -189,13 +195,10 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
 
 CompensationSummary summary_of(const CompensatedProgram& program, const Robot& robot, const CalibratedArm& arm) {
   CompensationSummary summary(robot, arm);
-  std::vector<CompensatedPoint> points;
-  std::vector<double> displacements;
   for (const CompensatedPosition& position : program.positions) {
-    points.push_back(position.point);
-    displacements.push_back(position.displacement);
+    summary.add(std::span(&position.point, 1), std::span(&position.displacement, 1),
+                [&](std::size_t /*first*/) { return position.name; });
   }
-  summary.add(points, displacements, [&](std::size_t i) { return program.positions[i].name; });
   return summary;
 }
 
@@ -238,9 +241,9 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   require_programs_of_the_user(texts);
   const Controller controller = controller_of(arguments, robot, *language);
   CompensationOptions options = arguments.options;
-  for (const auto& [axis, joint] : controller.external_axes) {
-    if (joint != kNotOfTheArm) {
-      options.held.push_back(joint);
+  for (const auto& [number, axis] : controller.external_axes) {
+    if (axis.joint != kNotOfTheArm) {
+      options.held.push_back(axis.joint);
     }
   }
   const Calibration calibration = load_calibration(arguments.result, robot);
@@ -250,30 +253,33 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
     near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});
   }
   const Compensator compensator(calibration, options);
-  const CompensatedProgram program = compensated_program(
+  CompensatedProgram program = compensated_program(
       {.robot = robot, .compensator = compensator, .controller = controller, .language = *language}, texts, near);
   const CompensationSummary summary = summary_of(program, robot, calibration.arm());
   const std::vector<std::string> warnings = warnings_of(program, summary);
-  const std::string record = record_of(arguments, program);
-  for (std::size_t i = 0; i < files.size(); ++i) {
-    if (files[i].option == "--predict") {
-      files[i].text = predictions_of(program, calibration.arm());
-    } else if (files[i].option == "--report") {
-      files[i].text = summary.page(with_files(summary.json(), arguments.robot, robot,
-                                              {{"result", arguments.result},
-                                               {"program", arguments.program},
-                                               {"controller", arguments.controller},
-                                               {"frames", arguments.frames},
-                                               {"joint-convention", arguments.joint_convention}}),
-                                   warnings);
-    } else {
-      files[i].text = i < program.texts.size() ? program.texts[i] : record;
+  std::string record = record_of(arguments, program);
+  const std::string printed =
+      arguments.json ? record
+                     : summary.table() + "rounding to the digits of the program moves the flange by at most " +
+                           fixed(program.rounding * 1e3, 3) + " mm\n";
+  for (std::size_t i = 0; i < program.texts.size(); ++i) {
+    files[i].text = std::move(program.texts[i]);
+  }
+  files[program.texts.size()].text = std::move(record);
+  for (OutputFile& file : files) {
+    if (file.option == "--predict") {
+      file.text = predictions_of(program, calibration.arm());
+    } else if (file.option == "--report") {
+      file.text = summary.page(with_files(summary.json(), arguments.robot, robot,
+                                          {{"result", arguments.result},
+                                           {"program", arguments.program},
+                                           {"controller", arguments.controller},
+                                           {"frames", arguments.frames},
+                                           {"joint-convention", arguments.joint_convention}}),
+                               warnings);
     }
   }
-  write_whole(files, arguments.force,
-              arguments.json ? record
-                             : summary.table() + "rounding to the digits of the program moves the flange by at most " +
-                                   fixed(program.rounding * 1e3, 3) + " mm\n");
+  write_whole(files, arguments.force, printed);
   std::for_each(warnings.begin(), warnings.end(), warn);
   return summary.is_exact() ? done : not_to_be_trusted;
 }

@@ -7,24 +7,24 @@
 #include "base/text.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "programs/controller.hpp"
 
 namespace kdl_calibration {
 
 using Eigen::Index;
 
-Carrier::Carrier(const Robot& robot, const std::map<int, std::string>& axes) : axes_(axes) {
+Carrier::Carrier(const Robot& robot, const std::map<int, ExternalAxis>& axes) : axes_(axes) {
   constexpr std::size_t kArm = 6;
   std::vector<std::string> names = joint_names(robot);
   names.resize(names.size() - std::min(names.size(), kArm));
   for (std::size_t i = 0; i < names.size(); ++i) {
-    const auto axis = std::find_if(axes.begin(), axes.end(), [&](const auto& each) { return each.second == names[i]; });
+    const auto axis =
+        std::find_if(axes.begin(), axes.end(), [&](const auto& each) { return each.second.joint == names[i]; });
     if (axis != axes.end()) {
-      joints_.push_back({.axis = axis->first, .joint = robot.joints[i]});
+      joints_.push_back({.axis = axis->first, .sign = axis->second.is_reversed ? -1.0 : 1.0, .joint = robot.joints[i]});
     }
   }
   const auto idle =
-      std::count_if(axes.begin(), axes.end(), [](const auto& axis) { return axis.second == kNotOfTheArm; });
+      std::count_if(axes.begin(), axes.end(), [](const auto& axis) { return axis.second.joint == kNotOfTheArm; });
   if (joints_.size() != names.size() || axes.size() != names.size() + static_cast<std::size_t>(idle)) {
     throw InputError(robot.source + ": the joints before the six of the arm are " +
                      (names.empty() ? "none" : comma_separated(names)) +
@@ -49,7 +49,7 @@ CompensatedJoints Carrier::with(const ProgramPoint& point, const SixJoints& arm,
       throw InputError(fmt::format("{}has no E{} in {}, expected that of joint {}", where, each.axis,
                                    slides ? "mm" : "deg", shown(each.joint.name)));
     }
-    q[static_cast<Index>(i)] = found->value * (slides ? kOneMillimetre : kDegree);
+    q[static_cast<Index>(i)] = each.sign * found->value * (slides ? kOneMillimetre : kDegree);
   }
   q.tail<6>() = arm;
   return q;

@@ -7,6 +7,7 @@
 
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "programs/controller.hpp"
 #include "programs/program.hpp"
 
 namespace kdl_calibration {
@@ -16,7 +17,7 @@ class Carrier {
 public:
   /// `axes`: joints of the URDF by number of the axis. Throws InputError unless they are just the joints before the
   /// arm.
-  Carrier(const Robot& robot, const std::map<int, std::string>& axes);
+  Carrier(const Robot& robot, const std::map<int, ExternalAxis>& axes);
 
   /// The arm that stands on them.
   Robot arm(Robot robot) const;
@@ -34,10 +35,11 @@ public:
 private:
   struct Joint {
     int axis = 0;
+    double sign = 1.0;
     MovingJoint joint;
   };
   std::vector<Joint> joints_;
-  std::map<int, std::string> axes_;
+  std::map<int, ExternalAxis> axes_;
 };
 
 }  // namespace kdl_calibration

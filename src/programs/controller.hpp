@@ -13,7 +13,11 @@
 
 namespace kdl_calibration {
 
-/// What an external axis moves that does not carry the arm.
+/// The joint of the URDF that an external axis is.
+struct ExternalAxis {
+  std::string joint;  ///< none: the axis does not carry the arm
+  bool is_reversed = false;
+};
 inline constexpr std::string_view kNotOfTheArm = "none";
 
 /// How the controller of an arm counts joints, and where it has its frames.
@@ -22,8 +26,7 @@ struct Controller {
   Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();  ///< its world frame in the base frame
   Eigen::Isometry3d X_FP = Eigen::Isometry3d::Identity();  ///< the faceplate in the flange frame
   ProgramFrames frames = {};                               ///< empty unless they are read as well
-  std::map<int, std::string> external_axes =
-      {};  ///< by number: a joint of the URDF that carries the arm, or kNotOfTheArm
+  std::map<int, ExternalAxis> external_axes = {};          ///< by number: 1 of E1
 };
 
 /// Reads such a description (JSON, see urdf/README.md) and the joint convention that it names. Throws InputError.

@@ -3,17 +3,21 @@
 #include <algorithm>
 #include <charconv>
 #include <cstdlib>
+#include <span>
 
 #include "base/number_text.hpp"
+#include "base/parallel.hpp"
 #include "base/text.hpp"
 
 namespace kdl_calibration {
 
-std::string with_numbers(std::string_view text, const std::vector<NumberField>& fields,
-                         const ProgramLanguage& language) {
+namespace {
+
+// The text from the first of these fields to `end`, with their values.
+std::string rewritten(std::string_view text, std::span<const NumberField> fields, std::size_t end,
+                      const ProgramLanguage& language) {
   std::string result;
-  result.reserve(text.size());
-  std::size_t copied = 0;
+  std::size_t copied = fields.front().begin;
   for (const NumberField& field : fields) {
     const std::string_view old = text.substr(field.begin, field.end - field.begin);
     double before = 0.0;
@@ -27,7 +31,26 @@ std::string with_numbers(std::string_view text, const std::vector<NumberField>& 
     result += language.write(old, field.value, field.decimals);
     copied = field.end;
   }
-  result += text.substr(copied);
+  result += text.substr(copied, end - copied);
+  return result;
+}
+
+}  // namespace
+
+std::string with_numbers(std::string_view text, const std::vector<NumberField>& fields,
+                         const ProgramLanguage& language) {
+  constexpr std::size_t kBlock = 4096;
+  std::vector<std::string> parts((fields.size() + kBlock - 1) / kBlock);
+  parallel_blocks(fields.size(), kBlock, 0, [&](std::size_t begin, std::size_t end) {
+    parts[begin / kBlock] = rewritten(text, std::span(fields).subspan(begin, end - begin),
+                                      end < fields.size() ? fields[end].begin : text.size(), language);
+  });
+  std::string result;
+  result.reserve(text.size() + text.size() / 8);
+  result += text.substr(0, fields.empty() ? text.size() : fields.front().begin);
+  for (const std::string& part : parts) {
+    result += part;
+  }
   return result;
 }
 

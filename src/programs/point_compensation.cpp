@@ -69,7 +69,8 @@ PointCompensation::PointCompensation(const ProgramSetup& setup, const Program& p
       texts_(texts),
       carrier_(setup.robot, setup.controller.external_axes),
       robot_(carrier_.arm(setup.robot)),
-      joints_(robot_, setup.controller.convention ? &*setup.controller.convention : nullptr, setup.language) {
+      joints_(robot_, setup.controller.convention ? &*setup.controller.convention : nullptr, setup.language),
+      ways_(robot_) {
   if (std::any_of(program.points.begin(), program.points.end(),
                   [](const ProgramPoint& point) { return point.branch.has_value(); })) {
     arm_.emplace(robot_, joints_.urdf(SixJoints(language_.reference.data())));
@@ -80,43 +81,39 @@ bool PointCompensation::follows_previous(const ProgramPoint& point) {
   return point.notation != PointNotation::joints && !point.branch && !point.near;
 }
 
-PointCompensation::Outcome PointCompensation::compensate(ProgramPoint& point, const CompensatedJoints& previous) const {
+CompensatedPosition PointCompensation::compensate(ProgramPoint& point, const Approach& approach) const {
   const PointNumbers numbers = numbers_in(point);
-  Outcome result;
-  CompensatedPosition& position = result.position;
-  position.name = point.name;
-  position.source = texts_[point.file].source;
-  position.line = point.line;
+  CompensatedPosition position{.name = point.name, .line = point.line, .point = {}, .change = SixJoints::Zero()};
   CompensatedPoint& solved = position.point;
-  solved = solve(point, numbers, previous, result.asked);
-  const SixJoints asked = joints_.controller(result.asked.tail<6>());
+  solved = solve(point, numbers, approach, position.other_way);
+  const CompensatedJoints nominal = position.asked();
   const SixJoints commanded = joints_.controller(solved.joint_values.tail<6>());
   position.written = solved.status == CompensationStatus::exact || solved.status == CompensationStatus::position_only;
   if (position.written && point.branch &&
-      !(stays_in_branch(result.asked, solved.joint_values) && states_turns(point, commanded))) {
+      !(stays_in_branch(nominal, solved.joint_values) && states_turns(point, commanded))) {
     solved.status = CompensationStatus::branch_changed;
     position.written = false;
   }
   if (!position.written) {
-    solved.joint_values = result.asked;
-    solved.change.setZero(result.asked.size());
-    position.change.setZero();
-    return result;
+    solved.joint_values = nominal;
+    solved.change.setZero(nominal.size());
+    return position;
   }
-  position.change = commanded - asked;
+  position.change = commanded - joints_.controller(nominal.tail<6>());
   const Eigen::Vector3d flange_at = compensator_.nominal_pose(solved.joint_values).translation();
-  position.displacement = (flange_at - compensator_.nominal_pose(result.asked).translation()).norm();
+  position.displacement = (flange_at - compensator_.nominal_pose(nominal).translation()).norm();
   set_numbers(point, point.notation == PointNotation::joints ? PointNumbers(commanded)
                                                              : commanded_numbers(point, numbers, solved.joint_values));
   position.rounding = (flange(point, numbers_in(point)).translation() - flange_at).norm();
-  return result;
+  return position;
 }
 
-double PointCompensation::deviation(const Outcome& from, const Outcome& to, const ProgramPoint& end) const {
+double PointCompensation::deviation(const CompensatedPosition& from, const CompensatedPosition& to,
+                                    const ProgramPoint& end) const {
   const Isometry3d X_FT = controller_.X_FP * tool_frame(end).value_or(Isometry3d::Identity());
-  const auto line_end = [&](const Outcome& outcome) {
-    return LineEnd{.X_BT = compensator_.nominal_pose(outcome.asked) * X_FT,
-                   .joint_values = outcome.position.point.joint_values};
+  const auto line_end = [&](const CompensatedPosition& position) {
+    return LineEnd{.X_BT = compensator_.nominal_pose(position.asked()) * X_FT,
+                   .joint_values = position.point.joint_values};
   };
   return line_deviation(compensator_, X_FT, line_end(from), line_end(to));
 }
@@ -207,10 +204,9 @@ void PointCompensation::set_numbers(ProgramPoint& point, const PointNumbers& num
 // ---- Joint values --------------------------------------------------------------------------------------------------
 
 CompensatedPoint PointCompensation::solve(const ProgramPoint& point, const PointNumbers& numbers,
-                                          const CompensatedJoints& previous, CompensatedJoints& asked) const {
+                                          const Approach& approach, double& other_way) const {
   if (point.notation == PointNotation::joints) {
-    asked = all_joints(point, joints_.urdf(numbers));
-    return compensator_.solve(asked);
+    return compensator_.solve(all_joints(point, joints_.urdf(numbers)));
   }
   for (const ExternalValue& external : point.external) {
     if (!carrier_.has(external.axis)) {
@@ -222,29 +218,54 @@ CompensatedPoint PointCompensation::solve(const ProgramPoint& point, const Point
   const Isometry3d X_BF = flange(point, numbers);
   if (point.branch) {
     const CompensatedJoints start = all_joints(point, SixJoints::Zero());
-    asked = all_joints(point, solution(point, carrier_.pose(start).inverse() * X_BF));
-    return compensator_.solve(X_BF, asked);
+    return compensator_.solve(X_BF, all_joints(point, solution(point, carrier_.pose(start).inverse() * X_BF)));
   }
   if (point.near) {
-    return solve_near(point, X_BF, all_joints(point, joints_.urdf(*point.near)), asked);
+    return solve_near(point, X_BF, {.previous = all_joints(point, joints_.urdf(*point.near))}, other_way);
   }
-  if (previous.size() == 0) {
+  if (approach.previous.size() == 0) {
     fail(point,
          "is a pose whose joint values depend on the point before, expected a point with joint values before "
          "it, or --near");
   }
-  return solve_near(point, X_BF, previous, asked);
+  return solve_near(point, X_BF, approach, other_way);
+}
+
+// Whether these are the nominal joint values for the pose.
+bool PointCompensation::is_reached(const Isometry3d& X_BF, const CompensatedJoints& nominal) const {
+  constexpr double kReached = 1e-6;
+  return compensator_.nominal_pose(nominal).isApprox(X_BF, kReached);
+}
+
+// A joint motion ends in the joint values next to those before; along a path the arm keeps its configuration.
+CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const Isometry3d& X_BF,
+                                               const Approach& approach, double& other_way) const {
+  const Isometry3d X_CF = carrier_.pose(all_joints(point, SixJoints::Zero())).inverse() * X_BF;
+  const SixJoints near = approach.previous.tail<6>();
+  CompensatedPoint found;
+  if (const std::vector<SixJoints> ways = ways_.all(X_CF, near); !approach.is_straight && !ways.empty()) {
+    found = compensator_.solve(X_BF, all_joints(point, ways.front()));
+  }
+  if (found.joint_values.size() == 0 || !is_reached(X_BF, found.joint_values - found.change)) {
+    found = followed(point, X_BF, approach.previous);
+  }
+  const SixJoints taken = (found.joint_values - found.change).tail<6>();
+  std::vector<CompensatedJoints> others;
+  for (const SixJoints& q : ways_.others(X_CF, near, taken, approach.is_straight ? 1.0 : kAboutAsNear)) {
+    others.push_back(all_joints(point, q));
+  }
+  other_way = spread_of_commands(compensator_, X_BF, found, others);
+  return found;
 }
 
 // Follows the solution from pose to pose on the way, so that it stays in the branch of `near`.
-CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const Isometry3d& X_BF,
-                                               const CompensatedJoints& near, CompensatedJoints& asked) const {
+CompensatedPoint PointCompensation::followed(const ProgramPoint& point, const Isometry3d& X_BF,
+                                             const CompensatedJoints& near) const {
   constexpr int kSteps = 8;
-  constexpr double kReached = 1e-6;
   const Isometry3d from = compensator_.nominal_pose(near);
   const Eigen::Quaterniond start(from.linear());
   const Eigen::Quaterniond end(X_BF.linear());
-  asked = all_joints(point, near.tail<6>());
+  CompensatedJoints asked = all_joints(point, near.tail<6>());
   CompensatedPoint found;
   for (int i = 1; i <= kSteps; ++i) {
     const double share = static_cast<double>(i) / kSteps;
@@ -255,11 +276,11 @@ CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const 
     }
     found = compensator_.solve(pose, asked);
     CompensatedJoints nominal = found.joint_values - found.change;
-    if (i == kSteps && !compensator_.nominal_pose(nominal).isApprox(pose, kReached)) {
+    if (i == kSteps && !is_reached(pose, nominal)) {
       found = compensator_.solve(pose, near);  // the way there may leave the arm's reach
       nominal = found.joint_values - found.change;
     }
-    if (compensator_.nominal_pose(nominal).isApprox(pose, kReached)) {
+    if (is_reached(pose, nominal)) {
       asked = nominal;
     } else if (i == kSteps) {
       fail(point,
@@ -271,7 +292,7 @@ CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const 
 
 // Of the solutions for the flange in the frame of the arm's first link, the one that the branch means.
 SixJoints PointCompensation::solution(const ProgramPoint& point, const Isometry3d& X_CF) const {
-  const WristArm::Solutions solutions = arm_->solve(X_CF);
+  const ArmSolutions solutions = arm_->solve(X_CF);
   std::optional<SixJoints> found;
   for (const SixJoints& each : solutions.joint_values) {
     const std::optional<SixJoints> candidate = turned(*point.branch, each);

@@ -9,6 +9,7 @@
 #include "programs/carrier.hpp"
 #include "programs/controller.hpp"
 #include "programs/controller_joints.hpp"
+#include "programs/nearby_ways.hpp"
 #include "programs/pose_numbers.hpp"
 #include "programs/program.hpp"
 #include "programs/wrist_arm.hpp"
@@ -18,13 +19,16 @@ namespace kdl_calibration {
 /// What became of a point of a program.
 struct CompensatedPosition {
   std::string name;
-  std::string source;
   std::size_t line = 0;
   CompensatedPoint point;     ///< joint values of the URDF that are commanded
   SixJoints change;           ///< of the controller's joints [rad]
   double displacement = 0.0;  ///< [m] of the commanded flange against the program's
   double rounding = 0.0;      ///< [m] displacement of the flange by rounding to the digits of the text
+  double other_way = 0.0;     ///< [m] of another command that the controller may need: NearbyWays
   bool written = false;       ///< else the point is as it was, because it cannot be reached as it should
+
+  /// Nominal joint values of the URDF for the program's point.
+  CompensatedJoints asked() const { return point.joint_values - point.change; }
 };
 
 /// A robot, its calibration, its controller and the language of the program. Keeps references.
@@ -35,6 +39,12 @@ struct ProgramSetup {
   const ProgramLanguage& language;
 };
 
+/// From where the arm comes to a point that does not state its joint values.
+struct Approach {
+  CompensatedJoints previous = {};  ///< nominal joint values of the point before
+  bool is_straight = false;         ///< along a path: the arm keeps its configuration
+};
+
 /// Compensates single points of one program for one robot.
 class PointCompensation {
 public:
@@ -42,22 +52,22 @@ public:
   /// arm than those with a closed form of inverse kinematics if a point needs it (ProgramPoint::branch).
   PointCompensation(const ProgramSetup& setup, const Program& program, const std::vector<ProgramText>& texts);
 
-  struct Outcome {
-    CompensatedPosition position;
-    CompensatedJoints asked;  ///< nominal joint values of the URDF
-  };
-
   /// Whether the point is a pose whose joint values depend on where the arm comes from.
   static bool follows_previous(const ProgramPoint& point);
 
-  /// Sets the numbers of the point. `previous`: nominal joint values of the point before, for those that follow it.
-  Outcome compensate(ProgramPoint& point, const CompensatedJoints& previous = {}) const;
+  /// Sets the numbers of the point. `approach`: for those that follow the point before.
+  CompensatedPosition compensate(ProgramPoint& point, const Approach& approach = {}) const;
+
+  /// Whether the ways in which the arm reaches a pose are known.
+  bool knows_ways() const { return ways_.are_known(); }
 
   /// Whether shoulder, elbow and wrist stand on the same sides at both points; true for arms without a closed form.
-  bool share_branch(const Outcome& a, const Outcome& b) const { return !arm_ || stays_in_branch(a.asked, b.asked); }
+  bool share_branch(const CompensatedPosition& a, const CompensatedPosition& b) const {
+    return !arm_ || stays_in_branch(a.asked(), b.asked());
+  }
 
   /// [m] of the tool from the asked straight line between two points.
-  double deviation(const Outcome& from, const Outcome& to, const ProgramPoint& end) const;
+  double deviation(const CompensatedPosition& from, const CompensatedPosition& to, const ProgramPoint& end) const;
 
 private:
   [[noreturn]] void fail(const ProgramPoint& point, const std::string& what) const;
@@ -71,10 +81,13 @@ private:
   double unit(const ProgramPoint& point, std::size_t field) const;
   void set_numbers(ProgramPoint& point, const PointNumbers& numbers) const;
 
-  CompensatedPoint solve(const ProgramPoint& point, const PointNumbers& numbers, const CompensatedJoints& previous,
-                         CompensatedJoints& asked) const;
-  CompensatedPoint solve_near(const ProgramPoint& point, const Eigen::Isometry3d& X_BF, const CompensatedJoints& near,
-                              CompensatedJoints& asked) const;
+  CompensatedPoint solve(const ProgramPoint& point, const PointNumbers& numbers, const Approach& approach,
+                         double& other_way) const;
+  CompensatedPoint solve_near(const ProgramPoint& point, const Eigen::Isometry3d& X_BF, const Approach& approach,
+                              double& other_way) const;
+  bool is_reached(const Eigen::Isometry3d& X_BF, const CompensatedJoints& nominal) const;
+  CompensatedPoint followed(const ProgramPoint& point, const Eigen::Isometry3d& X_BF,
+                            const CompensatedJoints& near) const;
   SixJoints solution(const ProgramPoint& point, const Eigen::Isometry3d& X_CF) const;
   std::optional<SixJoints> turned(const ArmBranch& branch, const SixJoints& q) const;
   bool stays_in_branch(const CompensatedJoints& asked, const CompensatedJoints& commanded) const;
@@ -88,6 +101,7 @@ private:
   Carrier carrier_;
   Robot robot_;  // the arm alone
   ControllerJoints joints_;
+  NearbyWays ways_;
   std::optional<WristArm> arm_;  // where points state a branch
 };
 

@@ -94,6 +94,7 @@ TEST_F(ProgramFiles, WithAnExternalAxisNeedItsJoint) {
   with_rail[2] = "rail.json";
   expect_refused(with_rail, {"rail.urdf", "rail", "--external-axis E1=JOINT"});
   expect_refused(with_rail + Words{"--external-axis", "E1=slide"}, {"--external-axis", "'slide'", "rail, joint_1"});
+  expect_refused(with_rail + Words{"--external-axis", "E1=-none"}, {"--external-axis", "'-none'", "rail, joint_1"});
   expect_refused(with_rail + Words{"--external-axis", "E7=rail"}, {"--external-axis", "'E7'", "E1 to E6"});
   expect_refused(with_rail + Words{"--external-axis", "rail"}, {"--external-axis", "'rail'"});
   expect_refused(words_of("compensate --result r.json --joints m.csv --output o --external-axis E1=joint_1"),

@@ -208,6 +208,20 @@ TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
   }
 }
 
+// Joints 4 and 6 half way between both wrists: the other one is about as near.
+TEST_F(Compensate, SaysWhereAnotherWayIsAboutAsNear) {
+  write("p.csv",
+        std::string(kPoses) + "\nP1" + in_wpr(nominal_at(kAsked[0])) + "\nP2" + in_wpr(nominal_at(kAsked[1])) + "\n");
+  const Outcome close = run(kOfPoses + Words{"--near", "5.7,-11.5,17.2,108.9,2.9,-45.8"});
+  EXPECT_EQ(close.status, 0) << close.err;
+  EXPECT_THAT(close.err,
+              AllOf(HasSubstr("at 1 of 2 poses, first 'P1', another way"), HasSubstr(" mm away: add joint")));
+  const Eigen::VectorXd q = set_by_controller(poses_in(text_of("o.csv"))[0], kAsked[0]);
+  EXPECT_LT((calibration().arm().flange_pose(q).matrix() - nominal_at(kAsked[0]).matrix()).cwiseAbs().maxCoeff(), 2e-6);
+  const Outcome clear = run(kOfPoses + Words{"--force", "--near", "6,-11,17,23,29,34"});
+  EXPECT_EQ(clear.err.find("another way"), std::string::npos) << clear.err;
+}
+
 // Yaskawa and Kinova name angles about fixed axes so, Staubli about moving ones.
 TEST_F(Compensate, AsksWhatAnglesInDegreesAre) {
   const auto commands = [&](const std::string& columns, const std::string& angles, const Words& options) {

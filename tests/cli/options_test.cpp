@@ -345,15 +345,23 @@ TEST_F(ExactLimits, OfTextFilesAre64MiB) {
     GTEST_SKIP() << "no room for a sparse file";
   }
   write_calibration();
-  const Words program = words_of("compensate --result r.json --program huge --output o");
-  for (const Words& command :
-       {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk, program}) {
+  for (const Words& command : {Words{"model", "--urdf", "huge"}, Words{"simulate", "--target-file", "huge"}, fk}) {
     EXPECT_THAT(said(command), HasSubstr(fact));
   }
   // What has no size, like a pipe, is read so far.
   EXPECT_THAT(said({"fk", "--joints", "0,0,0,0,0,0", "--joint-convention", "/dev/zero"}), HasSubstr(fact));
   ASSERT_TRUE(write_sparse("huge", kLimit));
   EXPECT_THAT(said(fk), Not(HasSubstr(fact)));  // the same reader for all of them
+}
+
+TEST_F(ExactLimits, OfProgramsAre512MiB) {
+  write_calibration();  // which also leaves the files that were there when it was made
+  if (!write_sparse("huge", (std::uintmax_t{512} << 20U) + 1)) {
+    GTEST_SKIP() << "no room for a sparse file";
+  }
+  const Outcome outcome = run(words_of("compensate --result r.json --program huge --output o"));
+  EXPECT_EQ(outcome.status, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("larger than the limit of 512 MiB"));
 }
 
 TEST_F(ExactLimits, OfOptionFilesAre1MiB) {

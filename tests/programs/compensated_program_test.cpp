@@ -138,7 +138,7 @@ TEST(WristArm, FindsEverySolutionOfAPose) {
   const Eigen::MatrixXd drawn = random_configurations(limits_of(fanuc().joints), 500, random);
   for (const auto& q : drawn.colwise()) {
     const Isometry3d X_BF = by_kdl(fanuc().chain, q);
-    const WristArm::Solutions found = arm.solve(X_BF);
+    const ArmSolutions found = arm.solve(X_BF);
     double nearest = 10.0;
     for (const SixJoints& solution : found.joint_values) {
       EXPECT_LT(distance(by_kdl(fanuc().chain, solution), X_BF), 1e-8);
@@ -522,7 +522,7 @@ const Robot& on_rail() {
 Calibration bent_on_rail(double size) { return testing::bent(on_rail(), size, 4); }
 
 CompensatedProgram compensated_on_rail(const Calibration& calibration, const std::string& text,
-                                       const std::map<int, std::string>& axes = {{1, "turn"}, {2, "rail"}}) {
+                                       const std::map<int, ExternalAxis>& axes = {{1, {"turn"}}, {2, {"rail"}}}) {
   Controller with_axes = controller();
   with_axes.external_axes = axes;
   return testing::compensated(on_rail(), Compensator(calibration, {.held = {"rail", "turn"}}), with_axes,
@@ -597,19 +597,33 @@ TEST(ExternalAxes, MoveEvenlyAlongAPath) {
   EXPECT_LT(result.paths.front().deviation, 0.02);
 }
 
+// The same places, with axes that count the other way.
+TEST(ExternalAxes, MayCountTheOtherWay) {
+  const Calibration found = bent_on_rail(1e-3);
+  const std::string asked = joints(1, kAtPose);
+  const auto change = [&](double turn, double rail, bool is_reversed) {
+    return compensated_on_rail(found, program(with_axes(asked, turn, rail)),
+                               {{1, {"turn", is_reversed}}, {2, {"rail", is_reversed}}})
+        .positions.front()
+        .change;
+  };
+  EXPECT_EQ(change(25.0, -700.0, true), change(-25.0, 700.0, false));
+  EXPECT_NE(change(25.0, -700.0, true), change(25.0, -700.0, false));
+}
+
 TEST(ExternalAxes, AreAllStated) {
   const Calibration found = bent_on_rail(1e-3);
   const std::string position = with_axes(joints(1, kAtPose), 10, 100);
   const std::string text = program(position);
-  for (const std::map<int, std::string>& axes : std::vector<std::map<int, std::string>>{
-           {}, {{1, "rail"}}, {{1, "rail"}, {2, "joint_1"}}, {{1, "rail"}, {2, "turn"}, {3, "turn"}}}) {
+  for (const std::map<int, ExternalAxis>& axes : std::vector<std::map<int, ExternalAxis>>{
+           {}, {{1, {"rail"}}}, {{1, {"rail"}}, {2, {"joint_1"}}}, {{1, {"rail"}}, {2, {"turn"}}, {3, {"turn"}}}}) {
     EXPECT_REFUSED("rail.urdf: the joints before the six of the arm are rail, turn, expected --external-axis E1=JOINT",
                    compensated_on_rail(found, text, axes));
   }
   EXPECT_REFUSED("IN.LS:8: P[1]: has no E1 in mm, expected that of joint 'rail'",
-                 compensated_on_rail(found, text, {{1, "rail"}, {2, "turn"}}));
+                 compensated_on_rail(found, text, {{1, {"rail"}}, {2, {"turn"}}}));
   EXPECT_REFUSED("P[1]: has no E4 in deg, expected that of joint 'turn'",
-                 compensated_on_rail(found, text, {{2, "rail"}, {4, "turn"}}));
+                 compensated_on_rail(found, text, {{2, {"rail"}}, {4, {"turn"}}}));
   // The values of an arm that stands on no axis are its own: an axis beside them moves something else.
   EXPECT_EQ(compensated(bent(1e-3), text).positions.front().point.status, CompensationStatus::exact);
 }
@@ -617,7 +631,7 @@ TEST(ExternalAxes, AreAllStated) {
 TEST(ExternalAxes, StayOutOfItWhereTheyDoNotCarryTheArm) {
   const Calibration found = bent(1e-3);
   const std::string pose = cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose);
-  const auto change = [&](const std::string& position, const std::map<int, std::string>& axes) {
+  const auto change = [&](const std::string& position, const std::map<int, ExternalAxis>& axes) {
     Controller with_axes = controller();
     with_axes.external_axes = axes;
     return testing::compensated(fanuc(), Compensator(found), with_axes,
@@ -627,11 +641,11 @@ TEST(ExternalAxes, StayOutOfItWhereTheyDoNotCarryTheArm) {
   };
   const SixJoints alone = change(pose, {});
   EXPECT_EQ(change(with_axes(pose, 0.0, 0.0), {}), alone);
-  EXPECT_EQ(change(with_axes(pose, 12.0, 340.0), {{1, "none"}, {2, "none"}}), alone);
+  EXPECT_EQ(change(with_axes(pose, 12.0, 340.0), {{1, {"none"}}, {2, {"none"}}}), alone);
   EXPECT_REFUSED(
       "P[1]: is a pose with an external axis E2, expected --external-axis E2=JOINT of a URDF with that joint, "
       "or E2=none",
-      change(with_axes(pose, 12.0, 340.0), {{1, "none"}}));
+      change(with_axes(pose, 12.0, 340.0), {{1, {"none"}}}));
 }
 
 TEST(LsProgram, NamesTheFirstLinesOfEachWarning) {

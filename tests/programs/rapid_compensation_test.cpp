@@ -27,6 +27,7 @@ using Eigen::Isometry3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using ::testing::AllOf;
 using testing::bent;
 using testing::by_kdl;
 using ::testing::Each;
@@ -213,6 +214,29 @@ TEST(AbbRapid, TakesJointValuesNextToThePointBeforeWhileTheCheckIsOff) {
   EXPECT_REFUSED("IN.mod:3: target of MoveL: no joint values reach it with this configuration",
                  compensated(irb120(), found,
                              "MODULE m\nPROC main()\nMoveL " + target + ",vmax,fine,tool0;\nENDPROC\nENDMODULE\n"));
+}
+
+// As if the program stated them itself.
+TEST(AbbRapid, LeavesTargetsInFramesOfABackupThatDoNotStandStill) {
+  const std::string target = robtarget(by_kdl(irb120().chain, VectorXd::Constant(6, 0.4)), {0, 0, 0, 0});
+  Controller controller = controller_of_links(irb120());
+  controller.frames = abb_rapid().read_frames(
+      "PERS tooldata tFixed:=[FALSE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+      "PERS wobjdata wHeld:=[TRUE,TRUE,\"\",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n",
+      "user.sys");
+  const std::string text = "MODULE m\nCONST robtarget p1:=" + target + ";\nCONST robtarget p2:=" + target +
+                           ";\nCONST robtarget p3:=" + target +
+                           ";\nPROC main()\nMoveJ p1,v10,fine,tool0;\nMoveL p2,v10,fine,tFixed\\WObj:=wHeld;\n"
+                           "MoveL p3,v10,fine,tool0\\WObj:=wHeld;\nENDPROC\nENDMODULE\n";
+  const CompensatedProgram result = testing::compensated(irb120(), Compensator(bent(irb120(), 1e-3, 1)), controller,
+                                                         {{.source = "IN.mod", .text = text}});
+  ASSERT_THAT(result.positions, SizeIs(1));
+  EXPECT_EQ(result.positions.front().name, "p1");
+  EXPECT_THAT(
+      result.warnings,
+      ElementsAre(AllOf(HasSubstr("IN.mod:3: a point is relative to a tool that stands in the cell, or to a frame "
+                                  "that the robot"),
+                        HasSubstr("(also in line 4)"))));
 }
 
 TEST(AbbRapid, RefusesFramesThatNobodyStates) {

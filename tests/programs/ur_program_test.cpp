@@ -27,6 +27,7 @@ using Eigen::AngleAxisd;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -313,6 +314,24 @@ TEST(UrScript, RefusesATextThatIsCutShort) {
                  parsed("def go():\n  movej((home)\nend\n"));
   EXPECT_REFUSED("in.script:2: 'end' ends nothing, expected the whole program", parsed("movej(home)\nend\n"));
   EXPECT_REFUSED("in.script:1: ')' ends nothing", parsed("movej(home))\n"));
+}
+
+// Half a turn of joint 6 from the point before, where the next turn, or the other wrist, is about as near.
+TEST(UrScript, SaysWhereAnotherWayIsAboutAsNear) {
+  const Calibration found = bent(1e-3);
+  const std::string start = "movej(" + listed(kStart) + ")\n";
+  const auto warnings = [&](const VectorXd& asked, const std::string& word) {
+    return compensated(found, start + word + "(" + pose_text(controller_pose(asked)) + ")\n", flange_as_tool())
+        .warnings;
+  };
+  VectorXd flipped = kStart;  // near the other wrist
+  flipped[3] += 1.6;
+  flipped[4] = 0.4;
+  flipped[5] += 1.4;
+  EXPECT_THAT(warnings(flipped, "movej"),
+              ElementsAre(AllOf(HasSubstr("in.script:2: another way to a pose"), HasSubstr(" mm away"))));
+  EXPECT_THAT(warnings(kEnd, "movej"), IsEmpty());
+  EXPECT_THAT(warnings(kEnd, "movel"), IsEmpty());
 }
 
 TEST(ProgramLanguages, AreToldFromTheText) {
