@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -29,6 +30,7 @@ struct PlanOptions {
   std::optional<double> least_height = std::nullopt;  ///< [m] of every target above the base's x-y plane
   std::optional<double> least_radius = std::nullopt;  ///< [m] of every target from the first joint's axis
   std::uint64_t seed = 1;
+  std::function<void(double share)> progress = {};  ///< called with the completed share, from any thread, one at a time
 };
 
 /// Configurations to measure, in the order to drive them.

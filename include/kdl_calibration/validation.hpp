@@ -1,13 +1,15 @@
 #pragma once
 
 // How well a geometry explains measurements, and whether these are to be trusted: base and targets are registered,
-// nothing else is fitted. And whether a robot has changed between two calibrations.
+// nothing else is fitted. What remains after a fit, row by row. And whether a robot has changed between two
+// calibrations.
 //
 //     const PositionErrors errors = validate(load_robot("calibrated.urdf"), measurements);
 //     std::cout << errors.all.rms << " m\n";
 //     for (const Doubt& doubt : errors.doubts) std::cerr << doubt.message << "\n";
 //     if (compare(before, after).has_changed()) std::cout << "measure this robot again\n";
 
+#include <Eigen/Core>
 #include <optional>
 #include <string>
 #include <vector>
@@ -59,6 +61,25 @@ PositionErrors validate(const Robot& robot, const Measurements& measurements, co
 /// The calibrated arm, effects included. Also throws InputError without measured torques that an effect needs.
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known = {},
                         const DiagnosisOptions& diagnosis = {});
+
+/// What remains of one row after the fit.
+struct RowResidual {
+  Eigen::Vector3d position;  ///< [m] measured minus predicted in W of the row's station, along the measured directions
+  /// The same divided by the root of the covariance of one such row (noise and misfit, without those of the
+  /// parameters): 1 sigma of each measured direction is 1. Rows of one configuration stay correlated.
+  Eigen::Vector3d whitened;
+  Eigen::Vector3d rotation;  ///< [rad] of a measured orientation, in the target's frame; zero without one
+};
+
+/// Of each row, test rows included, in the order of the measurements. Distances count from the zero that was found.
+/// Throws InputError as write_result does.
+std::vector<RowResidual> residuals(const Robot& robot, const Measurements& measurements,
+                                   const Calibration& calibration);
+
+/// Derivatives of the predicted positions of all rows (along the measured directions, in W of the row's station) by the
+/// parameters in the order of Calibration::estimated(): 3M x parameters [m per m, rad or unit of an effect]. Throws
+/// InputError as write_result does.
+Eigen::MatrixXd position_jacobian(const Robot& robot, const Measurements& measurements, const Calibration& calibration);
 
 /// Change of a parameter of the earlier calibration, in its gauge. SI units.
 struct ParameterChange {

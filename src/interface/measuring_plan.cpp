@@ -28,7 +28,8 @@ MeasuringPlan plan_measurements(const Robot& robot, const PlanOptions& options) 
                                      .radius = options.least_radius},
                             .noise = {.sigma = options.noise},
                             .count = options.count,
-                            .seed = options.seed};
+                            .seed = options.seed,
+                            .choosing = options.progress};
   Plan plan = make_plan(request);
   plan.sheet.predicted_mean = plan.planned.sigma.mean;
   plan.sheet.predicted_max = plan.planned.sigma.max;

@@ -1,11 +1,18 @@
 #include "kdl_calibration/validation.hpp"
 
 #include <fmt/core.h>
+#include <Eigen/Dense>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include "diagnosis/alternative_readings.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
+#include "estimation/residual_options.hpp"
 #include "interface/calibration_parts.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
@@ -122,6 +129,89 @@ PositionErrors validate(const Robot& robot, const Measurements& measurements, co
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known,
                         const DiagnosisOptions& diagnosis) {
   return errors_of(calibration.parts(), measurements, known, diagnosis);
+}
+
+namespace {
+
+// Covariance [m^2] of one measured row about its prediction by the true parameters.
+Eigen::Matrix3d covariance_of(const Observation& observation, const Eigen::Vector3d& predicted,
+                              const NewPointNoise& noise) {
+  const NoiseModel& model = noise.model;
+  Eigen::Matrix3d sum = point_covariance(model, {.reading = Point{predicted}, .sigma = observation.sigma});
+  sum.diagonal() += model.common.cwiseAbs2();
+  sum *= noise.variance_factor;
+  sum.diagonal().array() += model.misfit * model.misfit + model.target_misfit * model.target_misfit;
+  return sum;
+}
+
+// The symmetric root of the pseudo-inverse.
+Eigen::Matrix3d inverse_root(const Eigen::Matrix3d& covariance) {
+  constexpr double kNothing = 1e-12;  // of the largest variance
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
+  const double least = kNothing * solver.eigenvalues().maxCoeff();
+  const Eigen::Vector3d roots =
+      solver.eigenvalues().unaryExpr([&](double value) { return value > least ? 1.0 / std::sqrt(value) : 0.0; });
+  return solver.eigenvectors() * roots.asDiagonal() * solver.eigenvectors().transpose();
+}
+
+// The rows of a fit, their distances from the zero that was found, and the poses of target frames in W.
+class FittedRows {
+public:
+  FittedRows(const Measurements& measurements, const CalibrationResult& fitted)
+      : rows_(measurements, fitted.distance_zero ? fitted.distance_zero->length : 0.0),
+        estimate_(fitted.fit.identification.estimate),
+        X_BF_(flange_poses(fitted.model, estimate_, measurements)) {}
+
+  const std::vector<Observation>& rows() const { return (*rows_).observations; }
+  Eigen::Isometry3d target(const Observation& observation) const {
+    return estimate_.frames.base(station_of(observation)) * X_BF_[static_cast<std::size_t>(observation.configuration)] *
+           estimate_.frames.targets[static_cast<std::size_t>(observation.target)].X_FT;
+  }
+
+private:
+  FromZero rows_;
+  const Estimate& estimate_;
+  std::vector<Eigen::Isometry3d> X_BF_;
+};
+
+}  // namespace
+
+std::vector<RowResidual> residuals(const Robot& robot, const Measurements& measurements,
+                                   const Calibration& calibration) {
+  const FittedRows fitted(measurements, fit_of(robot, measurements, calibration));
+  const NewPointNoise& noise = calibration.parts().noise;
+  std::vector<RowResidual> result;
+  result.reserve(fitted.rows().size());
+  for (const Observation& observation : fitted.rows()) {
+    const Eigen::Isometry3d X_WT = fitted.target(observation);
+    const Residual rest = residual(observation.reading, X_WT);
+    const Eigen::Matrix3d covariance = covariance_of(observation, X_WT.translation(), noise);
+    result.push_back({.position = rest.position,
+                      .whitened = inverse_root(rest.directions * covariance * rest.directions) * rest.position,
+                      .rotation = rest.rotation.value_or(Eigen::Vector3d::Zero())});
+  }
+  return result;
+}
+
+Eigen::MatrixXd position_jacobian(const Robot& robot, const Measurements& measurements,
+                                  const Calibration& calibration) {
+  const CalibrationResult& result = fit_of(robot, measurements, calibration);
+  const FittedRows fitted(measurements, result);
+  const PositionPredictor predictor(result.model, result.fit.identification.estimate, result.fit.free);
+  Eigen::MatrixXd jacobian(3 * static_cast<Eigen::Index>(fitted.rows().size()), result.fit.free.size());
+  std::vector<Matrix3Xd> of_targets;
+  std::optional<std::int32_t> configuration;
+  Eigen::Index row = 0;
+  for (const Observation& observation : fitted.rows()) {
+    if (configuration != observation.configuration) {
+      configuration = observation.configuration;
+      of_targets = predictor.jacobians(measurements, observation.configuration, station_of(observation));
+    }
+    jacobian.middleRows<3>(row) = directions(observation.reading, fitted.target(observation).translation()) *
+                                  of_targets[static_cast<std::size_t>(observation.target)];
+    row += 3;
+  }
+  return jacobian;
 }
 
 }  // namespace kdl_calibration
