@@ -7,7 +7,7 @@ assume_yes=no
 
 build_packages=(build-essential cmake libboost-dev libcli11-dev libconsole-bridge-dev libeigen3-dev libfmt-dev
   liborocos-kdl-dev libtinyxml2-dev liburdfdom-dev liburdfdom-headers-dev nettle-dev nlohmann-json3-dev)
-test_packages=(libgmock-dev libgtest-dev locales)
+test_packages=(libgmock-dev libgtest-dev locales pybind11-dev python3-dev python3-numpy python3-pytest)
 clang_packages=(clang libclang-rt-14-dev)
 browser_packages=(chromium chromium-driver python3-selenium)  # for the test of the pages, which is skipped without
 

@@ -19,7 +19,8 @@ read_options "Installs what is missing, builds everything in build/release and r
   --quick      without Monte Carlo and tables over many seconds
   --campaigns  Monte Carlo over many minutes as well" "${others[@]}"
 install_missing "${build_packages[@]}" "${test_packages[@]}"
-configure_and_build release -D KDL_CALIBRATION_BUILD_TESTS=ON -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
+configure_and_build release -D KDL_CALIBRATION_BUILD_TESTS=ON -D KDL_CALIBRATION_PYTHON=ON \
+  -D KDL_CALIBRATION_SHARED_DATA_DIR="$data"
 run_tests release
 if [ "$long" = yes ]; then
   run_long_tests release

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 const std::vector<std::string> kWings = {"base",       "robot",     "measurements", "model",       "effects",
                                          "estimation", "two_step",  "noise",        "uncertainty", "validation",
                                          "screening",  "diagnosis", "selection",    "calibration", "results",
-                                         "planning",   "interface", "programs",     "cli"};
+                                         "planning",   "interface", "programs",     "cli",         "python"};
 
 /// Public headers without a source of their own.
 const std::map<std::string, std::string> kHeadersAlone = {{"version", "base"},
@@ -54,7 +54,8 @@ std::string stem_of(const std::string& include) { return fs::path(include).stem(
 std::map<std::string, std::string> wings_of_public_headers(const std::vector<SourceFile>& files) {
   std::map<std::string, std::string> result = kHeadersAlone;
   for (const SourceFile& file : files) {
-    if (!file.wing.empty() && file.wing != "cli" && fs::path(file.path).extension() == ".cpp") {
+    if (!file.wing.empty() && file.wing != "cli" && file.wing != "python" &&
+        fs::path(file.path).extension() == ".cpp") {
       result.emplace(stem_of(file.path), file.wing);
     }
   }

@@ -56,4 +56,27 @@ set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 # kdlcal runs without them. Programs that use the library need them.
 set(CPACK_DEBIAN_PACKAGE_RECOMMENDS "libconsole-bridge-dev, libeigen3-dev, libfmt-dev, liborocos-kdl-dev, \
 libtinyxml2-dev, liburdfdom-dev, liburdfdom-headers-dev, nettle-dev")
+# The Python package is a package of its own, at Debian's place for one version of Python.
+if(python_package_built AND NOT BUILD_SHARED_LIBS)
+  set(debian_python_dir lib/python3/dist-packages/kdl_calibration)
+  install(TARGETS kdl_calibration_python COMPONENT debian_python EXCLUDE_FROM_ALL
+          LIBRARY DESTINATION ${debian_python_dir})
+  install(FILES ${python_package_files} COMPONENT debian_python EXCLUDE_FROM_ALL DESTINATION ${debian_python_dir})
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/debian/changelog.gz ${CMAKE_CURRENT_BINARY_DIR}/debian/copyright
+          COMPONENT debian_python EXCLUDE_FROM_ALL DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/python3-kdl-calibration)
+  set(CPACK_DEB_COMPONENT_INSTALL ON)
+  set(CPACK_COMPONENTS_ALL Unspecified debian_python)
+  set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_NAME kdl-calibration)
+  set(CPACK_DEBIAN_DEBIAN_PYTHON_PACKAGE_NAME python3-kdl-calibration)
+  set(CPACK_DEBIAN_DEBIAN_PYTHON_PACKAGE_SECTION python)
+  math(EXPR next_minor "${python_minor} + 1")
+  set(CPACK_DEBIAN_DEBIAN_PYTHON_PACKAGE_DEPENDS
+      "python3 (>= 3.${python_minor}), python3 (<< 3.${next_minor}), python3-numpy")
+  set(CPACK_DEBIAN_DEBIAN_PYTHON_PACKAGE_RECOMMENDS "python3-matplotlib")
+  set(CPACK_COMPONENT_DEBIAN_PYTHON_DESCRIPTION
+      "Kinematic calibration of robot arms in Python.
+Arrays of numpy in, arrays out: calibration, predictions with their
+uncertainty, plans, compensation.")
+  set(CPACK_COMPONENT_UNSPECIFIED_DESCRIPTION "${CPACK_PACKAGE_DESCRIPTION}")
+endif()
 include(CPack)

@@ -1,0 +1,65 @@
+"""Kinematic calibration of robot arms: arrays in, arrays out.
+
+    import kdl_calibration as kc
+    robot = kc.load_robot("robot.urdf")
+    m = kc.Measurements.from_arrays(joints, points)     # (M, n) [rad or m] and (M, 3) [m]
+    found = kc.calibrate(robot, m)
+    found.predict(q, "A").position                      # (N, 3) [m] in the base frame
+
+Lengths are metres, angles radians. Bad input raises InputError, a ValueError, in one line.
+"""
+
+from ._native import (
+    Accuracy,
+    Arm,
+    BeforeAfter,
+    Calibration,
+    Comparison,
+    Compensated,
+    Compensator,
+    Doubt,
+    ErrorStatistics,
+    InputError,
+    Iso9283,
+    JointConvention,
+    Measurements,
+    MeasuringPlan,
+    PositionErrors,
+    Prediction,
+    Robot,
+    __version__,
+    calibrate,
+    compare,
+    load,
+    load_dh_robot,
+    load_robot,
+    parse_robot,
+    plan,
+    read_joint_convention,
+    read_measurements,
+    simulate,
+    validate,
+)
+from . import _display, _measurements, _pickling, plots
+
+
+def report(found, file):
+    """Writes the page for people, one HTML file. Raises InputError for a result that was loaded."""
+    found.report(file)
+
+
+Measurements.from_arrays = staticmethod(_measurements.from_arrays)
+Measurements.from_pandas = staticmethod(_measurements.from_pandas)
+from_arrays = _measurements.from_arrays
+from_pandas = _measurements.from_pandas
+Calibration.__reduce__ = _pickling.reduce
+Calibration.result = property(_pickling.result)
+Calibration._repr_html_ = _display.calibration_html
+Calibration.plot_residuals = plots.plot_residuals
+Calibration.plot_workspace = plots.plot_workspace
+Calibration.plot_convergence = plots.plot_convergence
+
+for _public in list(globals().values()):  # errors and help name the package, not the module of C++
+    if getattr(_public, "__module__", None) == "kdl_calibration._native" and isinstance(_public, type):
+        _public.__module__ = "kdl_calibration"
+del _public

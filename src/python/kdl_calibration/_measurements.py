@@ -1,0 +1,244 @@
+"""Measurements from arrays and data frames."""
+
+import numpy as np
+
+from . import _native
+from ._native import InputError
+
+
+def _numbers(values, name):
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name}: an array of {array.dtype}, expected one of real numbers")
+    return np.asarray(array, dtype=np.float64, order="C")
+
+
+def _shaped(values, name, shape):
+    """Finite numbers of this shape."""
+    array = _numbers(values, name)
+    if array.shape != shape:
+        raise InputError(f"{name}: an array of shape {array.shape}, expected {shape}")
+    wrong = np.argwhere(~np.isfinite(array))
+    if len(wrong):
+        place = "".join(f"[{i}]" for i in wrong[0])
+        raise InputError(f"{name}{place}: {array[tuple(wrong[0])]}, expected a finite number")
+    return array
+
+
+def _numbered(labels):
+    """Names in the order of their first appearance, and the index of each label among them."""
+    names, first, index = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return [str(name) for name in names[order]], rank[index.reshape(-1)].astype(np.int64)
+
+
+def _labels(values, name, count, default):
+    """One label for each row; a single text, or nothing, stands for all."""
+    if values is None or isinstance(values, str):
+        return np.full(count, values or default)
+    labels = np.asarray(values)
+    if labels.shape != (count,):
+        raise InputError(f"{name}: an array of shape {labels.shape}, expected {(count,)}, one for each row")
+    return labels.astype(str)
+
+
+def _configurations(joints, labels):
+    """Names, the configuration of each row, and the first row of each configuration."""
+    if labels is None:  # rows with equal joint values are one configuration
+        rows = np.ascontiguousarray(joints + 0.0).view(np.dtype((np.void, joints.dtype.itemsize * joints.shape[1])))
+        names, index = _numbered_rows(rows.reshape(-1))
+    else:
+        names, index = _numbered(_labels(labels, "configurations", len(joints), ""))
+    first = np.full(len(names), -1, dtype=np.int64)
+    first[index[::-1]] = np.arange(len(index))[::-1]
+    differ = np.flatnonzero((joints != joints[first[index]]).any(axis=1))
+    if len(differ):
+        row = differ[0]
+        raise InputError(
+            f"joints[{row}]: other joint values than in row {first[index[row]]} of configuration "
+            f"{names[index[row]]}, expected the same, or another label"
+        )
+    return names, index, first
+
+
+def _numbered_rows(rows):
+    _, first, index = np.unique(rows, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return [str(i + 1) for i in range(len(first))], rank[index.reshape(-1)]
+
+
+def _repeats(configuration, target, targets):
+    """1 for the first row of a target in a configuration, 2 for the next."""
+    group = configuration * targets + target
+    order = np.argsort(group, kind="stable")
+    ordered = group[order]
+    starts = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    lengths = np.diff(np.r_[starts, len(ordered)])
+    repeats = np.empty(len(group), dtype=np.int64)
+    repeats[order] = np.arange(len(ordered)) - np.repeat(starts, lengths) + 1
+    return repeats
+
+
+def _integers(values, name, count):
+    if values is None:
+        return None
+    array = np.asarray(values)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"{name}: an array of {array.dtype}, expected one of integers")
+    if array.shape != (count,):
+        raise InputError(f"{name}: an array of shape {array.shape}, expected {(count,)}")
+    return array.astype(np.int64)
+
+
+def _is_test(split, count):
+    if split is None:
+        return np.zeros(count, dtype=np.int64)
+    words = _labels(split, "split", count, "train")
+    wrong = np.flatnonzero((words != "train") & (words != "test"))
+    if len(wrong):
+        raise InputError(f"split[{wrong[0]}]: '{words[wrong[0]]}', expected 'train' or 'test'")
+    return (words == "test").astype(np.int64)
+
+
+def _flattened(joints, points, by_row):
+    """Rows of (N, T, 3) points: joint values and labels of each, without those that were not measured."""
+    count, targets = points.shape[:2]
+    if joints.ndim != 2 or len(joints) != count:
+        raise InputError(f"joints: an array of shape {joints.shape}, expected ({count}, n), a row for each of points")
+    names = by_row.pop("targets")
+    if names is None:
+        names = [chr(ord("A") + i) for i in range(targets)] if targets <= 26 else None
+    names = np.asarray(names if names is not None else [str(i + 1) for i in range(targets)])
+    if names.shape != (targets,):
+        raise InputError(f"targets: an array of shape {names.shape}, expected {(targets,)}, one for each of points[i]")
+    measured = ~np.isnan(points).all(axis=2)
+    row, target = np.nonzero(measured)
+    result = {"targets": names[target]}
+    for name, values in by_row.items():
+        if values is None or isinstance(values, str) or np.ndim(values) == 0:
+            result[name] = values
+            continue
+        values = np.asarray(values)
+        if values.shape[:2] == (count, targets):
+            result[name] = values[measured]
+        elif values.shape[:1] == (count,):
+            result[name] = values[row]
+        else:
+            raise InputError(f"{name}: an array of shape {values.shape}, expected ({count},) or ({count}, {targets})")
+    return joints[row], points[measured], result
+
+
+def from_arrays(
+    joints,
+    points,
+    *,
+    targets=None,
+    configurations=None,
+    stations=None,
+    sigma=None,
+    orientations=None,
+    split=None,
+    repeats=None,
+    order=None,
+    joint_names=None,
+):
+    """Measurements from arrays, a row for each measured point.
+
+    joints: (M, n) joint values [rad or m] in the URDF's convention. points: (M, 3) [m] in the frame of the measuring
+    device. Or joints (N, n) and points (N, T, 3), T targets in each configuration; those with three NaN were not
+    measured.
+
+    targets: names of the points on the tool, one for each row (of (N, T, 3): T names); a single one: "A".
+    configurations: labels. Without them rows of equal joint values are one configuration.
+    stations: names of the places of the measuring device. sigma: 1 sigma of each coordinate [m], one for all or for
+    each row. orientations: (M, 4) unit quaternions w, x, y, z of the targets' frames. split: "train" or "test".
+    repeats: rows of a configuration with the same number were measured together; without them they are counted.
+    order: integers, the order of driving. joint_names: the robot's, unless stated.
+
+    Raises InputError for other shapes and values that are not finite, TypeError for arrays of other types.
+    """
+    joints = _numbers(joints, "joints")
+    points = _numbers(points, "points")
+    by_row = {"targets": targets, "configurations": configurations, "stations": stations, "sigma": sigma,
+              "orientations": orientations, "split": split, "repeats": repeats, "order": order}  # fmt: skip
+    if points.ndim == 3:
+        if points.shape[2] != 3:
+            raise InputError(f"points: an array of shape {points.shape}, expected (N, T, 3) or (M, 3)")
+        joints, points, by_row = _flattened(joints, points, by_row)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise InputError(f"points: an array of shape {points.shape}, expected (M, 3) or (N, T, 3) with at least a row")
+    count = len(points)
+    points = _shaped(points, "points", (count, 3))
+    if joints.ndim != 2 or len(joints) != count or joints.shape[1] == 0:
+        raise InputError(f"joints: an array of shape {joints.shape}, expected ({count}, n), a row for each of points")
+    joints = _shaped(joints, "joints", joints.shape)
+    return _from_rows(joints, points, joint_names, **by_row)
+
+
+def _from_rows(joints, points, joint_names, *, targets, configurations, stations, sigma, orientations, split, repeats,
+               order):  # fmt: skip
+    count, width = joints.shape
+    names, configuration, first = _configurations(joints, configurations)
+    target_names, target = _numbered(_labels(targets, "targets", count, "A"))
+    station_names, station = _numbered(_labels(stations, "stations", count, "W"))
+    repeat = _integers(repeats, "repeats", count)
+    if repeat is None:
+        repeat = _repeats(configuration, target, len(target_names))
+    if sigma is not None:
+        sigma = np.full(count, _shaped(sigma, "sigma", ())) if np.ndim(sigma) == 0 else _shaped(sigma, "sigma", (count,))
+        if (sigma < 0.0).any():
+            raise InputError(f"sigma[{np.flatnonzero(sigma < 0.0)[0]}]: below 0, expected a standard deviation [m]")
+    if orientations is not None:
+        orientations = _shaped(orientations, "orientations", (count, 4))
+        wrong = np.flatnonzero(abs(np.linalg.norm(orientations, axis=1) - 1.0) > 1e-3)
+        if len(wrong):
+            raise InputError(f"orientations[{wrong[0]}]: its norm is not 1, expected a unit quaternion w, x, y, z")
+    joint_names = [] if joint_names is None else list(joint_names)
+    if joint_names and len(joint_names) != width:
+        raise InputError(f"joint_names: {len(joint_names)} names, expected {width}, one for each column of joints")
+    driven = _integers(order, "order", count)
+    nothing = np.empty(0)
+    rows = {
+        "points": points,
+        "orientations": nothing if orientations is None else orientations,
+        "sigma": nothing if sigma is None else sigma,
+        "order": nothing.astype(np.int64) if driven is None else driven,
+        "configuration": configuration,
+        "target": target,
+        "station": station,
+        "repeat": repeat,
+        "is_test": _is_test(split, count),
+    }
+    stated = {"joints": joint_names, "configurations": names, "targets": target_names, "stations": station_names}
+    return _native._from_rows(joints[first], width, rows, stated)
+
+
+def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
+    """Measurements from a data frame, a row for each measured point.
+
+    joints, points: names of its columns, [rad or m] and [m]. Keywords as in from_arrays name a column
+    (targets="target") or are arrays; orientations names four. Without them the columns target, configuration,
+    station, sigma, split and repeat are used if there are any. Needs no pandas beside that of the frame.
+    """
+    joints = list(joints)
+    missing = [name for name in [*joints, *points] if name not in frame.columns]
+    if missing:
+        raise InputError(f"column '{missing[0]}' is not in the data frame, expected one of {list(frame.columns)}")
+    usual = {"targets": "target", "configurations": "configuration", "stations": "station", "sigma": "sigma",
+             "split": "split", "repeats": "repeat"}  # fmt: skip
+    for keyword, column in usual.items():
+        if column in frame.columns:
+            columns.setdefault(keyword, column)
+    given = {}
+    for keyword, value in columns.items():
+        if isinstance(value, str) and value in frame.columns:
+            given[keyword] = frame[value].to_numpy()
+        elif keyword == "orientations" and all(isinstance(name, str) for name in value):
+            given[keyword] = frame[list(value)].to_numpy()
+        else:
+            given[keyword] = value
+    given.setdefault("joint_names", joints)
+    return from_arrays(frame[joints].to_numpy(), frame[list(points)].to_numpy(), **given)

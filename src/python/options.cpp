@@ -1,0 +1,348 @@
+#include "python/options.hpp"
+
+#include <fmt/core.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <functional>
+#include <type_traits>
+#include <utility>
+
+#include "python/arrays.hpp"
+
+namespace kdl_calibration::python {
+namespace {
+
+// The type in words.
+template <class T>
+const char* expected() {
+  if constexpr (std::is_same_v<T, bool> || std::is_same_v<T, std::optional<bool>>) {
+    return "True or False";
+  } else if constexpr (std::is_integral_v<T>) {
+    return "an integer";
+  } else if constexpr (std::is_same_v<T, double> || std::is_same_v<T, std::optional<double>>) {
+    return "a number";
+  } else if constexpr (std::is_same_v<T, std::string>) {
+    return "a text";
+  } else if constexpr (std::is_same_v<T, std::vector<std::string>>) {
+    return "a list of texts";
+  } else {
+    return "an object of the package";
+  }
+}
+
+// Reads a value from Python. `where` names the option in messages.
+template <class T>
+void take(const py::handle& given, T& into, const std::string& where) {
+  try {
+    into = given.cast<T>();
+  } catch (const py::cast_error&) {
+    throw py::type_error(fmt::format("{}: {}, expected {}", where, std::string(py::repr(given)), expected<T>()));
+  }
+}
+
+// The members of a structure, by name.
+class Members {
+public:
+  using Reader = std::function<void(const py::handle&, const std::string& where)>;
+
+  template <class T>
+  Members& with(const char* name, T& into) {
+    return by(name, [&into](const py::handle& given, const std::string& where) { take(given, into, where); });
+  }
+  Members& by(const char* name, Reader reader) {
+    readers_.emplace_back(name, std::move(reader));
+    return *this;
+  }
+  /// Reads a dict.
+  void read(const py::handle& given, const std::string& where) const {
+    if (!py::isinstance<py::dict>(given)) {
+      throw py::type_error(where + ": " + std::string(py::repr(given)) + ", expected a dict of " + names(where));
+    }
+    const std::string prefix = where.empty() ? "" : where + ".";
+    for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(given)) {
+      const std::string name = py::str(key);
+      const auto found = std::find_if(readers_.begin(), readers_.end(),
+                                      [&name = name](const auto& reader) { return reader.first == name; });
+      if (found == readers_.end()) {
+        throw py::type_error("unknown option " + prefix + name + ", expected one of " + names(where));
+      }
+      found->second(value, prefix + name);
+    }
+  }
+
+private:
+  std::string names(const std::string& where) const {
+    std::string all;
+    for (const auto& [name, reader] : readers_) {
+      all += (all.empty() ? "" : ", ") + (where.empty() ? "" : where + ".") + name;
+    }
+    return all;
+  }
+
+  std::vector<std::pair<std::string, Reader>> readers_;
+};
+
+template <class T>
+using Words = std::vector<std::pair<const char*, T>>;
+
+// One of several words.
+template <class T>
+T word(const py::handle& given, const Words<T>& words, const std::string& where) {
+  std::string text;
+  take(given, text, where);
+  std::string all;
+  for (const auto& [name, value] : words) {
+    if (text == name) {
+      return value;
+    }
+    all += (all.empty() ? "'" : ", '") + std::string(name) + "'";
+  }
+  throw py::value_error(where + ": '" + text + "', expected one of " + all);
+}
+
+template <class T>
+Members::Reader one_of(T& into, Words<T> words) {
+  return [&into, words = std::move(words)](const py::handle& given, const std::string& where) {
+    into = word(given, words, where);
+  };
+}
+
+Members::Reader vector_into(Eigen::Vector3d& into) {
+  return [&into](const py::handle& given, const std::string& where) { into = vector3(given, where); };
+}
+
+// A vector, or one number for all three axes.
+Members::Reader axes_into(Eigen::Vector3d& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    const Doubles array = doubles(given, where);
+    into = array.ndim() == 0 ? Eigen::Vector3d(Eigen::Vector3d::Constant(*array.data())) : vector3(given, where);
+  };
+}
+
+Members::Reader targets_into(std::vector<TargetFrame>& into) {
+  return [&into](const py::handle& given, const std::string& where) { into = target_frames(given, where); };
+}
+
+Members::Reader frames_into(KnownFrames& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    Members()
+        .by("bases",
+            [&](const py::handle& bases, const std::string& place) {
+              for (const auto& [name, X_WB] : bases.cast<py::dict>()) {
+                const std::string station = py::str(name);
+                into.bases.push_back({.station = station, .X_WB = pose(X_WB, place + "." + station)});
+              }
+            })
+        .by("targets", targets_into(into.targets))
+        .read(given, where);
+  };
+}
+
+Members::Reader ranges_into(JointRanges& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    const Doubles array = doubles(given, where);
+    if (array.ndim() != 2 || array.shape(1) != 2) {
+      throw py::value_error(where + ": an array of shape " + std::string(py::str(array.attr("shape"))) +
+                            ", expected (n, 2)");
+    }
+    for (py::ssize_t i = 0; i < array.shape(0); ++i) {
+      into.emplace_back(array.at(i, 0), array.at(i, 1));
+    }
+  };
+}
+
+Members::Reader noise_into(NoiseModel& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    Members()
+        .by("independent", axes_into(into.independent))
+        .by("tracker",
+            [&](const py::handle& numbers, const std::string& place) {
+              TrackerNoise& tracker = into.tracker.emplace();
+              Members()
+                  .with("range", tracker.range)
+                  .with("range_per_metre", tracker.range_per_metre)
+                  .with("transverse", tracker.transverse)
+                  .with("transverse_per_metre", tracker.transverse_per_metre)
+                  .read(numbers, place);
+            })
+        .by("common", axes_into(into.common))
+        .with("misfit", into.misfit)
+        .with("target_misfit", into.target_misfit)
+        .with("orientation", into.orientation)
+        .read(given, where);
+  };
+}
+
+const Words<EffectGroup> kGroups = {{"gravity", EffectGroup::gravity},     {"transverse", EffectGroup::transverse},
+                                    {"gain", EffectGroup::gain},           {"backlash", EffectGroup::backlash},
+                                    {"harmonics", EffectGroup::harmonics}, {"ripple", EffectGroup::ripple},
+                                    {"tables", EffectGroup::tables},       {"torque", EffectGroup::torque}};
+
+Members::Reader groups_into(std::vector<EffectGroup>& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    std::vector<std::string> names;
+    take(given, names, where);
+    into.clear();
+    for (const std::string& name : names) {
+      into.push_back(word(py::str(name), kGroups, where));
+    }
+  };
+}
+
+Members::Reader configurations_into(Configurations& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    Members()
+        .with("names", into.names)
+        .by("joint_values",
+            [&](const py::handle& values, const std::string& place) {
+              const Doubles array = doubles(values, place);
+              if (array.ndim() != 2) {
+                throw py::value_error(place + ": expected an array (N, n)");
+              }
+              into.joint_values = Rows(array, static_cast<std::size_t>(array.shape(1)), place).transposed();
+            })
+        .read(given, where);
+  };
+}
+
+// The members of `options` under the name of the structure that holds them.
+Members::Reader structure(Members members) {
+  return
+      [members = std::move(members)](const py::handle& given, const std::string& where) { members.read(given, where); };
+}
+
+Members diagnosis_members(DiagnosisOptions& options) {
+  return Members()
+      .with("try_readings", options.try_readings)
+      .with("convention", options.convention)
+      .with("other_conventions", options.other_conventions);
+}
+
+Members prior_members(GivenCalibrationOptions& into) {
+  PriorOptions& priors = into.options.priors;
+  return Members()
+      .by("stated", structure(Members().with("length", priors.stated.length).with("angle", priors.stated.angle)))
+      .with("automatic", priors.automatic)
+      .by("earlier", [&into](const py::handle& given, const std::string& where) {
+        take(given, into.earlier, where);
+        into.options.priors.earlier = into.earlier ? &into.earlier->calibration : nullptr;
+      });
+}
+
+}  // namespace
+
+std::vector<TargetFrame> target_frames(const py::handle& given, const std::string& where) {
+  if (!py::isinstance<py::dict>(given)) {
+    throw py::type_error(where + ": expected a dict of names and positions (3,) or poses (4, 4)");
+  }
+  std::vector<TargetFrame> targets;
+  for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(given)) {
+    TargetFrame target{.name = py::str(key)};
+    const std::string place = where + "." + target.name;
+    target.with_orientation = doubles(value, place).ndim() == 2;
+    if (target.with_orientation) {
+      target.X_FT = pose(value, place);
+    } else {
+      target.X_FT.translation() = vector3(value, place);
+    }
+    targets.push_back(std::move(target));
+  }
+  return targets;
+}
+
+GivenCalibrationOptions calibration_options(const py::dict& keywords) {
+  GivenCalibrationOptions result;
+  CalibrationOptions& options = result.options;
+  Members()
+      .by("estimator",
+          structure(Members()
+                        .by("method", one_of(options.estimator.method,
+                                             {{"joint", Method::joint}, {"two_step", Method::two_step}}))
+                        .with("iterations", options.estimator.iterations)
+                        .by("loss", one_of(options.estimator.loss,
+                                           {{"none", Loss::none}, {"huber", Loss::huber}, {"tukey", Loss::tukey}}))))
+      .by("parameters",
+          structure(Members()
+                        .by("model", one_of(options.parameters.model, {{"irreducible", ModelChoice::irreducible},
+                                                                       {"complete", ModelChoice::complete}}))
+                        .with("fix", options.parameters.fix)
+                        .with("free", options.parameters.free)
+                        .by("known", frames_into(options.parameters.known))))
+      .by("priors", structure(prior_members(result)))
+      .by("effects", structure(Members()
+                                   .by("groups", groups_into(options.effects.groups))
+                                   .with("automatic", options.effects.automatic)
+                                   .by("gravity_direction", vector_into(options.effects.gravity_direction))))
+      .by("noise", structure(Members()
+                                 .by("stated", noise_into(options.noise.stated))
+                                 .by("weights", one_of(options.noise.weights, {{"automatic", Weights::automatic},
+                                                                               {"equal", Weights::equal},
+                                                                               {"repeats", Weights::repeats}}))
+                                 .with("scale_sigma", options.noise.scale_sigma)
+                                 .with("length_sigma", options.noise.length_sigma)))
+      .by("validation", structure(Members()
+                                      .with("leave_one_out", options.validation.leave_one_out)
+                                      .with("nested", options.validation.nested)
+                                      .with("k_fold", options.validation.k_fold)
+                                      .with("held_out", options.validation.held_out)))
+      .by("diagnosis", structure(diagnosis_members(options.diagnosis)))
+      .by("predict_at", configurations_into(options.predict_at))
+      .with("threads", options.threads)
+      .with("progress", result.progress)
+      .read(keywords, "");
+  return result;
+}
+
+GivenPlanOptions plan_options(const py::dict& keywords) {
+  GivenPlanOptions result;
+  PlanOptions& options = result.options;
+  Members()
+      .with("count", options.count)
+      .by("targets", targets_into(options.targets))
+      .by("ranges", ranges_into(options.ranges))
+      .with("noise", options.noise)
+      .with("least_height", options.least_height)
+      .with("least_radius", options.least_radius)
+      .with("seed", options.seed)
+      .with("progress", result.progress)
+      .read(keywords, "");
+  return result;
+}
+
+SimulationOptions simulation_options(const py::dict& keywords) {
+  SimulationOptions options;
+  Members()
+      .with("configurations", options.configurations)
+      .with("test_configurations", options.test_configurations)
+      .by("targets", targets_into(options.targets))
+      .by("ranges", ranges_into(options.ranges))
+      .with("noise", options.noise)
+      .with("repeats", options.repeats)
+      .with("length_error", options.length_error)
+      .with("angle_error", options.angle_error)
+      .with("seed", options.seed)
+      .read(keywords, "");
+  return options;
+}
+
+CompensationOptions compensation_options(const py::dict& keywords) {
+  CompensationOptions options;
+  Members()
+      .with("most_change", options.most_change)
+      .with("position_first", options.position_first)
+      .with("held", options.held)
+      .read(keywords, "");
+  return options;
+}
+
+GivenValidation validation_options(const py::dict& keywords) {
+  GivenValidation result;
+  Members()
+      .by("known", frames_into(result.known))
+      .by("diagnosis", structure(diagnosis_members(result.diagnosis)))
+      .read(keywords, "");
+  return result;
+}
+
+}  // namespace kdl_calibration::python

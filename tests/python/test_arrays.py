@@ -1,0 +1,192 @@
+"""Arrays in: shapes, types, layouts; what is refused."""
+
+import numpy as np
+import pytest
+
+import kdl_calibration as kc
+from conftest import rows_of
+
+
+def test_one_row_is_a_row_of_many(found, measurements):
+    q = measurements.joint_values
+    many = found.predict(q, "A")
+    assert [a.shape for a in many] == [(28, 3), (28, 3, 3), (28,), (28,), (28,)]
+    for one, all_of_them in zip(found.predict(q[4], "A"), many):
+        np.testing.assert_array_equal(one, all_of_them[4])
+    assert found.flange_poses(q).shape == (28, 4, 4)
+    np.testing.assert_array_equal(found.flange_poses(q[4]), found.flange_poses(q)[4])
+    assert found.predict(np.empty((0, 6)), "A").position.shape == (0, 3)
+
+
+def test_prediction_is_the_target_on_the_flange(found, measurements):
+    """Position from the pose: the target in the flange frame as the result file states it."""
+    target = next(t for t in found.result["targets"] if t["name"] == "B")["position"]
+    poses = found.flange_poses(measurements.joint_values)
+    np.testing.assert_allclose(
+        found.predict(measurements.joint_values, "B").position, poses[:, :3, :3] @ target + poses[:, :3, 3], atol=1e-12
+    )
+
+
+def test_flange_jacobian_agrees_with_differences(found, measurements):
+    q, step = measurements.joint_values[2], 1e-6
+    _, jacobian = found.arm.flange_jacobians(q)
+    for i in range(6):
+        there = np.zeros(6)
+        there[i] = step
+        difference = (found.flange_poses(q + there) - found.flange_poses(q - there)) / (2.0 * step)
+        np.testing.assert_allclose(jacobian[:3, i], difference[:3, 3], atol=1e-7)
+        turn = difference[:3, :3] @ found.flange_poses(q)[:3, :3].T
+        np.testing.assert_allclose(jacobian[3:, i], [turn[2, 1], turn[0, 2], turn[1, 0]], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [np.asfortranarray, lambda q: np.repeat(q, 2, axis=0)[::2], lambda q: q[::-1][::-1], lambda q: q.tolist()],
+)
+def test_any_layout_gives_the_same(found, measurements, layout):
+    q = measurements.joint_values
+    np.testing.assert_array_equal(found.predict(layout(q), "A").position, found.predict(q, "A").position)
+
+
+def test_read_only_and_other_numbers(found, measurements):
+    q = measurements.joint_values.copy()
+    q.flags.writeable = False
+    before = q.copy()
+    found.predict(q, "A")
+    np.testing.assert_array_equal(q, before)
+    single = q.astype(np.float32)
+    np.testing.assert_array_equal(found.flange_poses(single), found.flange_poses(single.astype(float)))
+    np.testing.assert_array_equal(found.flange_poses([0, 0, 0, 0, 0, 0]), found.flange_poses(np.zeros(6)))
+
+
+@pytest.mark.parametrize("shape", [(5,), (7,), (3, 5), (2, 3, 6), ()])
+def test_wrong_shapes(found, shape):
+    with pytest.raises(kc.InputError, match=r"q: an array of shape .*expected \(N, 6\) or \(6,\)"):
+        found.predict(np.zeros(shape), "A")
+
+
+@pytest.mark.parametrize("q", [["0"] * 6, [0j] * 6, [None] * 6, [True] * 6, "joints"])
+def test_wrong_types(found, q):
+    with pytest.raises(TypeError, match="^q: "):
+        found.predict(q, "A")
+
+
+def test_values_that_are_not_finite_name_their_row(found):
+    q = np.zeros((1000, 6))
+    q[700, 3] = np.nan
+    q[800, 3] = np.inf
+    with pytest.raises(ValueError, match="^row 700: .*finite"):
+        found.predict(q, "A")
+
+
+def test_unknown_target_and_frame(found):
+    with pytest.raises(kc.InputError, match="target 'D'|target \"D\""):
+        found.predict(np.zeros(6), "D")
+    with pytest.raises(kc.InputError, match="frame: 'world', expected"):
+        found.predict(np.zeros(6), "A", frame="world")
+
+
+def test_views_cannot_be_written(found, measurements):
+    for view in (measurements.joint_values, found.covariance):
+        with pytest.raises(ValueError):
+            view[0] = 0.0
+
+
+def test_points_of_all_targets(measurements):
+    """(N, T, 3) means the same as a row for each."""
+    flat = rows_of(measurements)
+    joints = measurements.joint_values
+    points = flat["points"].reshape(28, 3, 3).copy()
+    points[3, 1] = np.nan
+    m = kc.Measurements.from_arrays(joints, points, targets=["A", "B", "C"], configurations=np.arange(28), sigma=1e-5)
+    kept = np.delete(np.arange(84), 3 * 3 + 1)
+    np.testing.assert_array_equal(m.points, flat["points"][kept])
+    np.testing.assert_array_equal(m.observations["target"], flat["targets"][kept])
+    np.testing.assert_array_equal(m.joint_values, joints)
+    assert (m.observations["sigma"] == 1e-5).all()
+    assert m.configurations[:3] == ["0", "1", "2"]
+
+
+def test_equal_joint_values_are_one_configuration():
+    joints = np.array([[3.0, 1.0], [2.0, 2.0], [3.0, 1.0], [3.0, 1.0]])
+    m = kc.Measurements.from_arrays(joints, np.zeros((4, 3)), targets=["b", "b", "a", "b"])
+    rows = m.observations
+    assert m.targets == ["b", "a"]
+    assert rows["configuration"].tolist() == ["1", "2", "1", "1"]
+    assert rows["repeat"].tolist() == [1, 1, 1, 2]
+    np.testing.assert_array_equal(m.joint_values, [[3.0, 1.0], [2.0, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"points": np.zeros((4, 2))}, "points: an array of shape"),
+        ({"points": np.zeros((0, 3))}, "at least a row"),
+        ({"joints": np.zeros((3, 6))}, "joints: an array of shape"),
+        ({"joints": [[0.0, np.nan]] * 4}, r"joints\[0\]\[1\]: nan"),
+        ({"points": [[0.0, 0.0, np.inf]] * 4}, r"points\[0\]\[2\]: inf"),
+        ({"targets": ["A", "B"]}, "targets: an array of shape"),
+        ({"configurations": ["1", "2", "1", "2"]}, r"joints\[2\]: other joint values than in row 0"),
+        ({"sigma": -1.0}, r"sigma\[0\]: below 0"),
+        ({"sigma": [1e-5] * 3}, "sigma: an array of shape"),
+        ({"orientations": np.ones((4, 4))}, "its norm is not 1"),
+        ({"split": "validate"}, "expected 'train' or 'test'"),
+        ({"joint_names": ["a"]}, "joint_names: 1 names, expected 2"),
+    ],
+)
+def test_bad_measurements(change, message):
+    given = {"joints": np.arange(8.0).reshape(4, 2), "points": np.ones((4, 3))}
+    with pytest.raises(kc.InputError, match=message):
+        kc.Measurements.from_arrays(**{**given, **change})
+
+
+def test_measurements_of_wrong_types():
+    with pytest.raises(TypeError, match="points: an array of"):
+        kc.Measurements.from_arrays(np.zeros((1, 6)), [["1", "2", "3"]])
+    with pytest.raises(TypeError, match="repeats: an array of float64"):
+        kc.Measurements.from_arrays(np.zeros((1, 6)), np.zeros((1, 3)), repeats=[1.0])
+
+
+def test_measurements_of_another_robot(robot):
+    with pytest.raises(kc.InputError, match="measurements of 2 joints, expected 6"):
+        kc.calibrate(robot, kc.Measurements.from_arrays(np.zeros((4, 2)), np.zeros((4, 3))))
+
+
+def test_poses(robot, found, measurements):
+    """Orientations come back: poses of the calibrated arm itself leave nothing."""
+    q = measurements.joint_values
+    poses = found.flange_poses(q)
+    x = np.empty((len(q), 4))
+    for i, R in enumerate(poses[:, :3, :3]):
+        values, vectors = np.linalg.eigh(
+            np.array(
+                [
+                    [R[0, 0] - R[1, 1] - R[2, 2], 0, 0, 0],
+                    [R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], 0, 0],
+                    [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1], 0],
+                    [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], R.trace()],
+                ]
+            )
+        )
+        x[i] = np.roll(vectors[:, np.argmax(values)], 1)  # Bar-Itzhack 2000: w, x, y, z
+    m = kc.Measurements.from_arrays(q, poses[:, :3, 3], orientations=x)
+    again = kc.calibrate(robot, m, effects={"automatic": False}, priors={"automatic": False})
+    rest = again.residuals
+    assert np.abs(rest["position"]).max() < 1e-9
+    assert np.abs(rest["rotation"]).max() < 1e-9
+
+
+def test_data_frames(robot, measurements, found):
+    pandas = pytest.importorskip("pandas")
+    rows = rows_of(measurements)
+    frame = pandas.DataFrame(rows["joints"], columns=robot.joints)
+    frame[["x", "y", "z"]] = rows["points"]
+    frame["target"], frame["configuration"], frame["split"] = rows["targets"], rows["configurations"], rows["split"]
+    m = kc.Measurements.from_pandas(frame, robot.joints)
+    assert m.joints == robot.joints
+    assert m.csv() == kc.Measurements.from_arrays(**rows, joint_names=robot.joints).csv()
+    with pytest.raises(kc.InputError, match="column 'joint_9'"):
+        kc.Measurements.from_pandas(frame, ["joint_9"])
+    assert len(pandas.DataFrame({name: found.parameters[name] for name in ("name", "error", "std")})) == len(
+        found.parameters
+    )

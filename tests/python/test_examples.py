@@ -1,0 +1,44 @@
+"""The examples run, and find what they say."""
+
+import os
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import URDF_DIR
+
+EXAMPLES = URDF_DIR.parent / "src" / "python" / "examples"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    os.symlink(URDF_DIR, tmp_path / "urdf")
+    return tmp_path
+
+
+def test_compensated_points(folder):
+    names = runpy.run_path(str(EXAMPLES / "compensated_points.py"))
+    assert names["found"].trusted
+    assert names["before"].max() > 1e-4 and (names["compensated"].status == "exact").all()
+    commands = np.loadtxt("commands.csv", delimiter=",", skiprows=1)
+    pendant = names["pendant"]
+    np.testing.assert_allclose(
+        np.radians(commands) @ pendant.matrix.T + pendant.offset, names["compensated"].joint_values, atol=1e-7
+    )
+    assert Path("result.json").exists()
+
+
+def test_coverage(folder):
+    names = runpy.run_path(str(EXAMPLES / "coverage.py"))
+    assert len(names["ratios"]) > 1000
+    assert 0.92 < names["coverage"] < 0.98
+    assert 0.8 < names["fitted"].var() / names["freedom"] < 1.2
+
+
+def test_own_effect(folder):
+    names = runpy.run_path(str(EXAMPLES / "own_effect.py"))
+    assert abs(names["estimate"] - names["size"]) < 4.0 * names["sigma"] < 0.2 * names["size"]
+    assert names["rms_after"] < 0.06 < 0.8 * names["rms_before"]
