@@ -61,7 +61,10 @@ class _Wheel:
     def add(self, name, content):
         digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
         self._record.append(f"{name},sha256={digest},{len(content)}")
-        entry = zipfile.ZipInfo(name)  # the time of every file is that of the format: equal builds give equal wheels
+        self._write(name, content)
+
+    def _write(self, name, content):
+        entry = zipfile.ZipInfo(name)  # without a time of its own: equal builds give equal wheels
         entry.compress_type = zipfile.ZIP_DEFLATED
         entry.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
         self._zip.writestr(entry, content)
@@ -71,8 +74,7 @@ class _Wheel:
         self.add(f"{self._info}/METADATA", _metadata().encode())
         self.add(f"{self._info}/WHEEL", tag.encode())
         self.add(f"{self._info}/licenses/LICENSE", (_ROOT / "LICENSE").read_bytes())
-        self._record.append(f"{self._info}/RECORD,,")
-        self._zip.writestr(f"{self._info}/RECORD", "\n".join(self._record) + "\n")
+        self._write(f"{self._info}/RECORD", "\n".join([*self._record, f"{self._info}/RECORD,,", ""]).encode())
         self._zip.close()
         return self.name
 

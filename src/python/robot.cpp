@@ -30,6 +30,16 @@ py::array limits(const Robot& robot) {
   return result;
 }
 
+std::vector<std::string> joint_types(const Robot& robot) {
+  std::vector<std::string> types;
+  for (const MovingJoint& joint : robot.joints) {
+    types.emplace_back(joint.type == JointType::prismatic    ? "prismatic"
+                       : joint.type == JointType::continuous ? "continuous"
+                                                             : "revolute");
+  }
+  return types;
+}
+
 std::string robot_text(const Robot& robot) {
   return "<Robot '" + robot.name + "', " + std::to_string(robot.joints.size()) + " moving joints, " + robot.base +
          " to " + robot.tip + ">";
@@ -71,6 +81,7 @@ void bind_robot(py::module_& module) {
       .def_readonly("base", &Robot::base, "Link.")
       .def_readonly("tip", &Robot::tip, "Link: the flange.")
       .def_property_readonly("joints", &joint_names, "Names of the n moving joints, base to tip.")
+      .def_property_readonly("joint_types", &joint_types, "'revolute', 'continuous' or 'prismatic'.")
       .def_property_readonly("limits", &limits, "(n, 2) lower and upper limit [rad or m]; infinite if there is none.")
       .def("__repr__", &robot_text)
       .def(py::pickle(

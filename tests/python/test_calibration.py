@@ -1,6 +1,7 @@
 """The result: its parts agree with each other and with independent formulas."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -211,6 +212,18 @@ def test_notebook_shows_verdict_number_and_table(found):
     assert "<b>Trusted.</b>" in page
     assert f"{found.accuracy.held_out.after.rms * 1e3:.3f} mm" in page
     assert page.count("<table>") == page.count("</table>") == 2
+    row = found.parameters[found.parameters["name"] == "Tx1"][0]
+    shown = f"<td>Tx1</td><td>{row['joint']}</td><td>{row['error'] * 1e3:.4f}</td><td>{row['std'] * 1e3:.4f}</td><td>mm</td>"
+    assert shown in page
+
+
+def test_units_of_a_sliding_joint(robot):
+    slide = kc.parse_robot(robot.urdf.replace('name="joint_3" type="revolute"', 'name="joint_3" type="prismatic"'))
+    assert slide.joint_types == ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
+    m, _ = kc.simulate(slide, configurations=60, noise=3e-5, length_error=1e-3, angle_error=1e-3)
+    page = kc.calibrate(slide, m, **PLAIN, diagnosis={"try_readings": False})._repr_html_()
+    units = dict(re.findall(r"<tr><td>(dq\d)</td>.*?<td>(m\w+)</td></tr>", page))
+    assert units["dq2"] == "mrad" and units["dq3"] == "mm"
 
 
 def test_plots(found):

@@ -27,21 +27,20 @@ def _errors(accuracy):
     )
 
 
-def _parameter(row):
-    angle = row["kind"] in ("rotation", "joint_offset")
-    factor, unit = (1e3, "mrad") if angle else (1e3, "mm") if row["kind"] == "translation" else (1.0, "")
+def _parameters(found):
+    robot = found.robot
+    sliding = {name for name, kind in zip(robot.joints, robot.joint_types) if kind == "prismatic"}
+    rows = [row for row in found.parameters if not row["gauge"] and "." not in row["name"]]
+    lines = []
+    for row in rows:
+        is_length = row["kind"] == "translation" or (row["kind"] == "joint_offset" and row["joint"] in sliding)
+        lines.append(
+            f"<tr><td>{escape(row['name'])}</td><td>{escape(row['joint'])}</td><td>{row['error'] * 1e3:.4f}</td>"
+            f"<td>{row['std'] * 1e3:.4f}</td><td>{'mm' if is_length else 'mrad'}</td></tr>"
+        )
     return (
-        f"<tr><td>{escape(str(row['name']))}</td><td>{escape(str(row['joint']))}</td>"
-        f"<td>{row['error'] * factor:.4f}</td><td>{row['std'] * factor:.4f}</td><td>{unit}</td></tr>"
-    )
-
-
-def _parameters(parameters):
-    shown = [row for row in parameters if not row["gauge"] and "." not in str(row["name"])]
-    lines = "".join(_parameter(row) for row in shown)
-    return (
-        f"<details><summary>{len(shown)} geometric errors</summary><table><tr><th>error</th><th>joint</th>"
-        f"<th>value</th><th>1 sigma</th><th></th></tr>{lines}</table></details>"
+        f"<details><summary>{len(rows)} geometric errors</summary><table><tr><th>error</th><th>joint</th>"
+        f"<th>value</th><th>1 sigma</th><th></th></tr>{''.join(lines)}</table></details>"
     )
 
 
@@ -55,5 +54,5 @@ def calibration_html(found):
         f"&rarr; <b>{_millimetres(shown.after)} mm</b> rms {where}.</p>"
         + (f"<ul>{doubts}</ul>" if doubts else "")
         + _errors(accuracy)
-        + _parameters(found.parameters)
+        + _parameters(found)
     )
