@@ -19,11 +19,12 @@
 namespace KDL_CALIBRATION_PUBLIC kdl_calibration {
 
 enum class CompensationStatus : std::uint8_t {
-  exact,          ///< the calibrated arm reaches the asked pose to 1e-10 m and rad
-  position_only,  ///< near a wrist singularity: exact position, the orientation as near as `most_change` allows
-  unreachable,    ///< out of reach, or only with a larger change of a joint than `most_change`
-  out_of_limits,  ///< a joint limit is in the way
-  branch_changed  ///< only beyond a singularity of the arm, such as a straight elbow
+  exact,           ///< the calibrated arm reaches the asked pose to 1e-10 m and rad
+  position_only,   ///< near a wrist singularity: exact position, the orientation as near as `most_change` allows
+  unreachable,     ///< out of reach, or only with a larger change of a joint than `most_change`
+  out_of_limits,   ///< a joint limit is in the way
+  branch_changed,  ///< only beyond a singularity of the arm, such as a straight elbow
+  step_limited     ///< on a path: the correction would change by more than `most_step` since the point before
 };
 
 /// The name of the enumerator.
@@ -35,6 +36,8 @@ struct CompensationOptions {
   /// Wherever a joint is held at a bound, not only near a wrist singularity, an exact position is preferred to the
   /// least squares of position and orientation.
   bool position_first = false;
+  /// [rad] or [m]: largest difference of a joint's correction between a point of a path and the point before.
+  double most_step = 0.0017453292519943296;  // 0.1 degrees
   /// Names of independent joints that keep their nominal values, such as a rail.
   std::vector<std::string> held = {};
 };
@@ -69,6 +72,12 @@ public:
   /// The asked pose is that of the nominal robot at these joint values. Where several solutions are near, as for an arm
   /// of seven joints, that of least change is taken.
   CompensatedPoint solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal) const;
+
+  /// The same on a path, for loops in real time: the correction of each joint differs by at most `most_step` from
+  /// `previous.change`, that of the point before. Where solve(q_nominal) would differ by more, as at a straight wrist,
+  /// the status is `step_limited` and the errors say what remains: position first, then the orientation. Later points
+  /// approach solve(q_nominal) step by step. Throws InputError also for a previous point of another arm.
+  CompensatedPoint solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal, const CompensatedPoint& previous) const;
 
   /// The asked pose is X_BF, the flange in the base frame. The nominal joint values are those of the nominal robot
   /// that are found from `seed`.

@@ -278,9 +278,11 @@ const char* to_string(CompensationStatus status) {
     case CompensationStatus::out_of_limits:
       return "out_of_limits";
     case CompensationStatus::branch_changed:
+      return "branch_changed";
+    case CompensationStatus::step_limited:
       break;
   }
-  return "branch_changed";
+  return "step_limited";
 }
 
 struct Compensator::Parts {
@@ -295,14 +297,17 @@ struct Compensator::Parts {
     const auto count = static_cast<Index>(leaders.size());
     limits = {.lower = JointVector::Constant(count, -kNoLimit), .upper = JointVector::Constant(count, kNoLimit)};
     most_change = JointVector::Constant(count, options.most_change);
+    most_step = JointVector::Constant(count, options.most_step);
     for (Index i = 0; i < count; ++i) {
       const MovingJoint& joint = joints[leaders[static_cast<std::size_t>(i)]];
       limits.lower[i] = joint.lower.value_or(-kNoLimit);
       limits.upper[i] = joint.upper.value_or(kNoLimit);
     }
     for (const Coupling& coupling : couplings) {  // a follower does not move by more either
+      const double moves = std::max(1.0, std::abs(coupling.multiplier));
       double& of_leader = most_change[coupling.independent];
-      of_leader = std::min(of_leader, options.most_change / std::max(1.0, std::abs(coupling.multiplier)));
+      of_leader = std::min(of_leader, options.most_change / moves);
+      most_step[coupling.independent] = std::min(most_step[coupling.independent], options.most_step / moves);
     }
   }
 
@@ -316,6 +321,12 @@ struct Compensator::Parts {
     return u;
   }
 
+  // Where the nominal arm is at the independent joints' values.
+  Isometry3d asked_pose(const JointVector& u) const {
+    return nominal.flange_pose(
+        Task{.arm = nominal, .couplings = couplings, .X_BF = Isometry3d::Identity()}.all_values(u));
+  }
+
   // The limits, and the largest change from `u`. A joint beyond its limits may stay where it is.
   Bounds around(const JointVector& u, const JointVector& change) const {
     return {.lower = limits.lower.cwiseMin(u).cwiseMax(u - change),
@@ -324,6 +335,8 @@ struct Compensator::Parts {
 
   CompensatedPoint solve(const ArmKinematics& arm, const Isometry3d& X_BF, const JointVector& start,
                          const JointVector& change) const;
+  // The pose X_BF from `start`, with a correction near `correction`, that of the independent joints one point before.
+  CompensatedPoint solve_near(const Isometry3d& X_BF, const JointVector& start, const JointVector& correction) const;
   Eigen::MatrixXd starts() const;
   // Joint values of the nominal arm within the limits, found from `start`; empty if it does not reach the pose.
   std::optional<JointVector> nominal_values(const Isometry3d& X_BF, const JointVector& start) const;
@@ -335,6 +348,7 @@ struct Compensator::Parts {
   ArmKinematics nominal;
   Bounds limits;            // of the independent joints
   JointVector most_change;  // of the independent joints
+  JointVector most_step;    // of their corrections, from point to point
   bool position_first;
 };
 
@@ -389,6 +403,31 @@ CompensatedPoint Compensator::Parts::solve(const ArmKinematics& arm, const Isome
   return point(other_branch ? CompensationStatus::branch_changed : CompensationStatus::unreachable, u, deviation);
 }
 
+CompensatedPoint Compensator::Parts::solve_near(const Isometry3d& X_BF, const JointVector& start,
+                                                const JointVector& correction) const {
+  CompensatedPoint point = solve(calibrated, X_BF, start, most_change);
+  JointVector change(start.size());
+  for (Index i = 0; i < change.size(); ++i) {
+    change[i] = point.change[static_cast<Index>(leaders[static_cast<std::size_t>(i)])];
+  }
+  if (((change - correction).array().abs() <= most_step.array()).all()) {
+    return point;
+  }
+  const JointVector before = start + correction;
+  const Bounds widest = around(start, most_change);
+  const Bounds bounds = {.lower = widest.within(before - most_step), .upper = widest.within(before + most_step)};
+  const Task task{.arm = calibrated, .couplings = couplings, .X_BF = X_BF};
+  JointVector u = bounds.within(before);
+  Deviation deviation = task.at(u);
+  descend(task, bounds, kPositionFirst, u, deviation);
+  refine_position(task, bounds, u, deviation);
+  return {.status = CompensationStatus::step_limited,
+          .joint_values = task.all_values(u),
+          .change = task.all_values(u) - task.all_values(start),
+          .position_error = deviation.position(),
+          .orientation_error = deviation.orientation()};
+}
+
 std::optional<JointVector> Compensator::Parts::nominal_values(const Isometry3d& X_BF, const JointVector& start) const {
   const Task task{.arm = nominal, .couplings = couplings, .X_BF = X_BF};
   JointVector u = start;
@@ -406,6 +445,9 @@ Compensator::Compensator(const Calibration& calibration, const CompensationOptio
   if (!(options.most_change > 0.0)) {
     refuse_input("the largest change of a joint is not above 0", "radians or metres");
   }
+  if (!(options.most_step > 0.0)) {
+    refuse_input("the largest step of a correction is not above 0", "radians or metres");
+  }
   const PredictionBasis& basis = calibration.parts();
   if (basis.model.joints.size() > kMostJoints) {
     refuse_input("an arm of " + std::to_string(basis.model.joints.size()) + " moving joints",
@@ -416,9 +458,19 @@ Compensator::Compensator(const Calibration& calibration, const CompensationOptio
 
 CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal) const {
   const JointVector u = parts_->independent(q_nominal);
-  const Task of_nominal{.arm = parts_->nominal, .couplings = parts_->couplings, .X_BF = Isometry3d::Identity()};
-  const Isometry3d X_BF = parts_->nominal.flange_pose(of_nominal.all_values(u));
-  return parts_->solve(parts_->calibrated, X_BF, u, parts_->most_change);
+  return parts_->solve(parts_->calibrated, parts_->asked_pose(u), u, parts_->most_change);
+}
+
+CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_nominal,
+                                    const CompensatedPoint& previous) const {
+  const JointVector u = parts_->independent(q_nominal);
+  require_count("corrections of the point before", previous.change.size(), parts_->joints.size());
+  require_finite("a correction of the point before", previous.change.allFinite());
+  JointVector correction(u.size());
+  for (Index i = 0; i < u.size(); ++i) {
+    correction[i] = previous.change[static_cast<Index>(parts_->leaders[static_cast<std::size_t>(i)])];
+  }
+  return parts_->solve_near(parts_->asked_pose(u), u, correction);
 }
 
 CompensatedPoint Compensator::solve(const Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const {

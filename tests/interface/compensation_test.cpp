@@ -277,6 +277,52 @@ TEST(Compensation, SaysWhatIsInTheWay) {
 
 // ---- Other arms ----------------------------------------------------------------------------------------------------
 
+// Through a straight wrist joints 4 and 6 would turn against each other by up to twice `most_change` at once.
+TEST(Compensation, OnAPathLetsNoCorrectionJump) {
+  const Compensator compensator(bent(unlimited(), 0.002));
+  const CompensationOptions defaults;
+  const KDL::Chain calibrated = bent(unlimited(), 0.002).urdf_chain();
+  VectorXd q{{0.2, 0.3, -0.4, 0.5, -0.2, 0.7}};
+  CompensatedPoint before = compensator.solve(q);
+  VectorXd alone_before = before.change;
+  double largest_jump_alone = 0.0;
+  int limited = 0;
+  for (int i = 0; i <= 800; ++i) {
+    q[4] = -0.2 + 0.0005 * i;
+    const CompensatedPoint point = compensator.solve(q, before);
+    const CompensatedPoint alone = compensator.solve(q);
+    largest_jump_alone = std::max(largest_jump_alone, (alone.change - alone_before).cwiseAbs().maxCoeff());
+    alone_before = alone.change;
+    ASSERT_LE((point.change - before.change).cwiseAbs().maxCoeff(), defaults.most_step + 1e-12) << i;
+    ASSERT_LE(point.change.cwiseAbs().maxCoeff(), defaults.most_change + 1e-12) << i;
+    const Distance missed = missed_by(calibrated, point.joint_values, q);
+    EXPECT_NEAR(missed.position, point.position_error, 1e-9);
+    EXPECT_NEAR(missed.orientation, point.orientation_error, 1e-7);
+    EXPECT_LT(missed.position, 1e-6) << i;  // the position is kept
+    if (point.status == step_limited) {
+      ++limited;
+      EXPECT_GT((alone.change - before.change).cwiseAbs().maxCoeff(), defaults.most_step) << i;
+    } else {
+      EXPECT_EQ(point.joint_values, alone.joint_values) << i;
+    }
+    before = point;
+  }
+  EXPECT_GT(largest_jump_alone, 5.0 * kDegree);
+  EXPECT_GT(limited, 10);
+  EXPECT_EQ(before.status, exact) << "far from the singularity it has caught up";
+  EXPECT_STREQ(to_string(step_limited), "step_limited");
+}
+
+TEST(Compensation, OnAPathRefusesThePointOfAnotherArm) {
+  const Compensator compensator(bent(fanuc(), 0.001));
+  const VectorXd q = VectorXd::Constant(6, 0.3);
+  EXPECT_THROW(compensator.solve(q, CompensatedPoint{}), InputError);
+  CompensatedPoint unknown = compensator.solve(q);
+  unknown.change[2] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(compensator.solve(q, unknown), InputError);
+  EXPECT_THROW(Compensator(bent(fanuc(), 0.001), {.most_step = 0.0}), InputError);
+}
+
 TEST(Compensation, IncludesTheEffects) {
   ErrorModel model = complete_model(unlimited());
   Random random(5);
