@@ -8,6 +8,7 @@
 #include <boost/math/special_functions/erf.hpp>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <vector>
 
 namespace kdl_calibration {
@@ -91,6 +92,11 @@ double f_critical(double tail, double a, double b) {
 double reduced_chi_squared_tail(double ratio, double freedom) { return chi_squared_tail(ratio * freedom, freedom); }
 
 double t_critical_95(double degrees_of_freedom) { return std::sqrt(f_critical(0.05, 1.0, degrees_of_freedom)); }
+
+double coverage_factor(double degrees_of_freedom) {
+  static const double tails = std::erfc(std::numbers::sqrt2);  // beyond 2 sigma of a normal distribution
+  return std::sqrt(f_critical(tails, 1.0, degrees_of_freedom));
+}
 
 double norm_critical(double tail, int axes) {
   return std::sqrt(math::quantile(math::complement(ChiSquared(axes), tail)));

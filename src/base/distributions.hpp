@@ -32,6 +32,10 @@ double reduced_chi_squared_tail(double ratio, double freedom);
 /// Two-sided 95 % quantile of Student's t.
 double t_critical_95(double degrees_of_freedom);
 
+/// The coverage factor k of an expanded uncertainty k u: the two-sided 95.45 % quantile of Student's t, which is 2 for
+/// infinitely many degrees of freedom (GUM G.6.4).
+double coverage_factor(double degrees_of_freedom);
+
 /// The norm of `axes` standard normal values that is exceeded with probability `tail`.
 double norm_critical(double tail, int axes);
 

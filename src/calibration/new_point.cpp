@@ -4,12 +4,14 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 #include <utility>
 #include <vector>
 
 #include "base/distributions.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "measurements/readings.hpp"
 #include "measurements/training_rows.hpp"
 
 namespace kdl_calibration {
@@ -101,6 +103,43 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
     }
   }
   return region;
+}
+
+namespace {
+
+int configurations_with(const Measurements& measurements, Split split) {
+  std::set<std::int32_t> found;
+  for (const Observation& observation : measurements.observations) {
+    if (observation.split == split) {
+      found.insert(observation.configuration);
+    }
+  }
+  return static_cast<int>(found.size());
+}
+
+}  // namespace
+
+NewPointErrors new_point_errors(const CalibrationResult& calibration, const Measurements& measurements) {
+  const Accuracy& accuracy = calibration.accuracy;
+  const BeforeAfter* left_out = accuracy.held_out();
+  NewPointErrors result{.rows = left_out != nullptr ? NewPointErrors::Rows::left_out
+                                : accuracy.test     ? NewPointErrors::Rows::test
+                                                    : NewPointErrors::Rows::fitted,
+                        .of_coordinates = has_single_coordinates(measurements)};
+  const BeforeAfter& errors = left_out != nullptr ? *left_out : accuracy.test ? *accuracy.test : accuracy.train;
+  result.configurations =
+      configurations_with(measurements, result.rows == NewPointErrors::Rows::test ? Split::test : Split::train);
+  result.coverage_factor = coverage_factor(std::max(1, result.configurations));
+  const auto expanded = [&](double rms) {
+    return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions);
+  };
+  const double chosen = left_out == nullptr             ? errors.after.rms
+                        : accuracy.nested_leave_one_out ? accuracy.nested_leave_one_out->rms
+                                                        : errors.after.rms * calibration.selection.optimism;
+  result.compensated = expanded(chosen);
+  result.urdf_alone = errors.rigid ? expanded(errors.rigid->rms) : result.compensated;
+  result.nominal = expanded(errors.before.rms);
+  return result;
 }
 
 }  // namespace kdl_calibration

@@ -14,6 +14,7 @@
 #include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/wrapped_text.hpp"
+#include "cli/cures.hpp"
 #include "cli/frames.hpp"
 #include "cli/help.hpp"
 #include "cli/measurement_options.hpp"
@@ -22,6 +23,7 @@
 #include "cli/plan_command.hpp"
 #include "cli/progress.hpp"
 #include "cli/requirements.hpp"
+#include "cli/robot_controller.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "effects/joint_effects.hpp"
@@ -33,6 +35,7 @@
 #include "kdl_calibration/noise_model.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "results/report_page.hpp"
+#include "results/result_blocks.hpp"
 #include "results/result_json.hpp"
 #include "results/result_table.hpp"
 #include "robot/mimic.hpp"
@@ -50,6 +53,7 @@ struct CalibrateArguments {
   std::string report;
   std::vector<std::string> notes;
   std::vector<std::string> requirements;
+  double guard = 0.0;
   std::string method = "joint";
   std::string model = "irreducible";
   CalibrationOptions options;
@@ -151,13 +155,6 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   return options;
 }
 
-// The command that chooses more configurations for the same experiment.
-std::string plan_to_add(const CalibrationResult& calibration) {
-  return calibration.model.has_undetermined_bases
-             ? "kdlcal plan --stations N, with --sockets or --directions as measured,"
-             : "kdlcal plan --measured FILE --add N";
-}
-
 // --exclude with all gross rows: "12,14:B"
 std::string excluded(const GrossRows& gross) {
   std::string list;
@@ -181,15 +178,7 @@ void name_ways(Diagnosis& diagnosis) {
 }
 
 // Adds options of kdlcal that help against the doubt. The result does not state them.
-void name_options(Doubt& doubt, const std::string& plan) {
-  const std::map<Cause, std::string> help = {
-      {Cause::not_converged, "--iterations sets their number"},
-      {Cause::not_determined, plan + " chooses them"},
-      {Cause::unknown_length, plan + " chooses them, --fix and --prior-length hold"},
-      {Cause::joint_convention, "--joint-convention says how to read the joint values"},
-      {Cause::joint_sign, "--joint-convention says how to read the joint values"},
-      {Cause::joint_unit, "--joint-convention says how to read the joint values"},
-      {Cause::joint_columns, "--joint-convention says how to read the joint values"}};
+void name_options(Doubt& doubt, const std::map<Cause, std::string>& help) {
   const auto found = help.find(doubt.cause);
   doubt.message += found != help.end() ? " (" + found->second + ")" : "";
 }
@@ -247,26 +236,32 @@ void say_what_is_doubted(const CalibrateArguments& arguments, const CalibrationR
       warn("trusted where it was measured: " + calibration.diagnosis.reservation->message);
     }
   }
-  for (const std::string& warning : messages_of(calibration.diagnosis.remarks)) {
-    warn(warning);
+  for (const Remark& remark : calibration.diagnosis.remarks) {
+    is_information(remark.cause) ? inform(remark.message) : warn(remark.message);
   }
   if (is_uncertain_elsewhere(calibration)) {
-    warn(plan_to_add(calibration) + " chooses configurations that help there");
+    warn(plan_to_add(calibration.model.has_undetermined_bases) + " chooses configurations that help there");
   }
   if (!calibration.trusted() && !arguments.output.empty()) {
     warn(arguments.output + " comes from an answer that is not to be trusted; the file itself does not say so");
   }
 }
 
-std::string page_of(const std::string& result, const Robot& robot, const Measurements& measurements,
-                    const CalibrationSettings& settings) {
+// `file`: where the result is written to; may be empty.
+std::string page_of(const std::string& result, const std::string& file, const Robot& robot,
+                    const Measurements& measurements, const CalibrationSettings& settings) {
+  const std::optional<JointConvention>& convention = settings.diagnosis.convention;
+  const Json json = json_of(result, "the result");
   return calibration_page({.result = result,
                            .source = "the result",
                            .robot = &robot,
                            .measurements = &measurements,
                            .known = settings.parameters.known,
-                           .convention = settings.diagnosis.convention,
-                           .plan_command = plan_command(json_of(result, "the result"))});
+                           .convention = convention,
+                           .X_BK = world_of(robot, convention),
+                           .plan_command = plan_command(json),
+                           .apply_command = apply_command(json, file),
+                           .cures = cures(json.contains("stations"))});
 }
 
 // The result as JSON, with the outcome of every --require.
@@ -274,12 +269,12 @@ struct JudgedResult {
   std::string text;
   std::vector<Judged> outcomes;
 };
-JudgedResult judged_result(std::string text, const std::vector<Requirement>& requirements) {
+JudgedResult judged_result(std::string text, const std::vector<Requirement>& requirements, double guard) {
   if (requirements.empty()) {
     return {.text = std::move(text), .outcomes = {}};
   }
   Json json = json_of(text, "the result");
-  std::vector<Judged> outcomes = outcomes_of(requirements, json);
+  std::vector<Judged> outcomes = guarded_outcomes(requirements, json, guard);
   json["requirements"] = judged_json(outcomes);
   json["hashes"] = tree::hashes(json);
   return {.text = json_text(json), .outcomes = std::move(outcomes)};
@@ -325,19 +320,21 @@ ExitStatus run(const CalibrateArguments& arguments) {
   }();
   name_ways(calibration.diagnosis);
   const Provenance provenance = filled_beside_result(arguments, robot, measurements, calibration, files);
-  const JudgedResult result = judged_result(result_json(robot, measurements, calibration, provenance), requirements);
+  const JudgedResult result =
+      judged_result(result_json(robot, measurements, calibration, provenance), requirements, arguments.guard);
   for (OutputFile& file : files) {
     if (shows_the_result(file)) {
-      file.text =
-          file.option == "--result" ? result.text : page_of(result.text, robot, measurements, calibration.settings);
+      file.text = file.option == "--result"
+                      ? result.text
+                      : page_of(result.text, arguments.result, robot, measurements, calibration.settings);
     }
   }
-  const std::string plan = plan_to_add(calibration);
+  const std::map<Cause, std::string> help = cures(calibration.model.has_undetermined_bases);
   for (Doubt& doubt : calibration.diagnosis.doubts) {
-    name_options(doubt, plan);
+    name_options(doubt, help);
   }
   if (calibration.diagnosis.reservation) {
-    name_options(*calibration.diagnosis.reservation, plan);
+    name_options(*calibration.diagnosis.reservation, help);
   }
   write_whole(files, arguments.force,
               arguments.json ? result.text
@@ -463,7 +460,7 @@ void add_groups(CLI::App& app) {
   add_group(app, "Noise",
             {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma",
              "--scale-sigma", "--length-sigma"});
-  add_group(app, "Validation", {"--leave-one-out", "--nested", "--k-fold", "--require", "--threads"});
+  add_group(app, "Validation", {"--leave-one-out", "--nested", "--k-fold", "--require", "--guard", "--threads"});
 }
 
 }  // namespace
@@ -488,6 +485,7 @@ Subcommand add_calibrate(CLI::App& parser) {
   add_fit_options(*app, *arguments);
   add_noise_options(*app, *arguments);
   add_require(*app, arguments->requirements);
+  add_guard(*app, arguments->guard);
   add_json_flag(*app, arguments->json);
   add_groups(*app);
   add_example(*app, "kdlcal calibrate --measurements measurements.csv --output calibrated.urdf --result result.json");

@@ -7,25 +7,32 @@ namespace {
 
 constexpr int kConfigurationsToAdd = 10;
 
-// Path of an input file, by its role.
-std::string path_of(const Json& result, const std::string& role) {
-  if (!result.contains("provenance") || !result["provenance"].is_object() ||
+// This member of an input file, by its role.
+std::string of_input(const Json& result, const std::string& role, const char* key) {
+  if (!result.is_object() || !result.contains("provenance") || !result["provenance"].is_object() ||
       !result["provenance"].contains("files_read") || !result["provenance"]["files_read"].is_array()) {
     return {};
   }
   for (const Json& file : result["provenance"]["files_read"]) {
     if (text_at(file, "role") == role) {
-      return text_at(file, "path");
+      return text_at(file, key);
     }
   }
   return {};
 }
+
+std::string path_of(const Json& result, const std::string& role) { return of_input(result, role, "path"); }
 
 }  // namespace
 
 std::string text_at(const Json& object, const char* key) {
   return object.is_object() && object.contains(key) && object[key].is_string() ? object[key].get<std::string>()
                                                                                : std::string();
+}
+
+std::optional<std::string> hash_of_input(const Json& result, const std::string& role) {
+  const std::string hash = of_input(result, role, "sha256");
+  return hash.empty() ? std::nullopt : std::optional(hash);
 }
 
 std::string shell_word(const std::string& text) {
@@ -44,26 +51,40 @@ std::string shell_word(const std::string& text) {
   return quoted + "'";
 }
 
+namespace {
+
+// The options that name the robot and its joints.
+std::string robot_options(const Json& result) {
+  const Json& input = result["input"];
+  const bool is_table = !path_of(result, "dh").empty();
+  std::string options;
+  for (const auto& [option, value] :
+       {std::pair{is_table ? "--dh" : "--urdf", text_at(input, "urdf")}, std::pair{"--base", text_at(input, "base")},
+        std::pair{"--tip", text_at(input, "tip")},
+        std::pair{"--joint-convention", path_of(result, "joint-convention")}}) {
+    options += value.empty() ? "" : " " + std::string(option) + " " + shell_word(value);
+  }
+  return options;
+}
+
+}  // namespace
+
 std::string plan_command(const Json& result) {
   if (!result.is_object() || !result.contains("input") || result.contains("stations")) {
     return {};
   }
-  const Json& input = result["input"];
-  const std::string measured = text_at(input, "measurements");
-  if (measured.empty()) {
+  const std::string measured = text_at(result["input"], "measurements");
+  return measured.empty() ? std::string()
+                          : "kdlcal plan" + robot_options(result) + " --measured " + shell_word(measured) + " --add " +
+                                std::to_string(kConfigurationsToAdd) + " --output plan.csv";
+}
+
+std::string apply_command(const Json& result, const std::string& file) {
+  if (!result.is_object() || !result.contains("input") || !result.contains("joint_offsets")) {
     return {};
   }
-  std::string command = "kdlcal plan";
-  const bool is_table = !path_of(result, "dh").empty();
-  for (const auto& [option, value] :
-       {std::pair{is_table ? "--dh" : "--urdf", text_at(input, "urdf")}, std::pair{"--base", text_at(input, "base")},
-        std::pair{"--tip", text_at(input, "tip")}, std::pair{"--joint-convention", path_of(result, "joint-convention")},
-        std::pair{"--measured", measured}}) {
-    if (!value.empty()) {
-      command += " " + std::string(option) + " " + shell_word(value);
-    }
-  }
-  return command + " --add " + std::to_string(kConfigurationsToAdd) + " --output plan.csv";
+  return "kdlcal apply --result " + shell_word(file.empty() ? "result.json" : file) + robot_options(result) +
+         " --mastering-entered entered.csv --output entered.json --output-urdf entered.urdf";
 }
 
 }  // namespace kdl_calibration::cli

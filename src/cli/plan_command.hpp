@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "cli/frames.hpp"
@@ -9,10 +10,16 @@ namespace kdl_calibration::cli {
 /// The text under this key of a JSON object; empty if absent.
 std::string text_at(const Json& object, const char* key);
 
+/// Hash of the input file with this role; empty if the result names none.
+std::optional<std::string> hash_of_input(const Json& result, const std::string& role);
+
 /// The text quoted as one word for a POSIX shell.
 std::string shell_word(const std::string& text);
 
 /// The command that plans further configurations for a result, with the files named in it; empty if it names none.
 std::string plan_command(const Json& result);
+
+/// The command that turns a result in this file into that of the robot after its joint zero offsets were entered.
+std::string apply_command(const Json& result, const std::string& file);
 
 }  // namespace kdl_calibration::cli

@@ -3,7 +3,9 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
+#include <limits>
 #include <map>
 #include <optional>
 #include <set>
@@ -61,6 +63,7 @@ const std::set<std::string> kNumbers = {"rank",
                                         "explained_by_joint",
                                         "degrees_of_freedom",
                                         "degrees_of_freedom_of_point",
+                                        "coverage_factor",
                                         "repeat_degrees_of_freedom",
                                         "coefficient",
                                         "scale",
@@ -100,10 +103,12 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "change",      "size",        "rms_upper_95",  "of_assumptions",
                                            "moves",       "expanded",    "moved_points",  "misfit_without",
                                            "turn",        "radius",      "moved_flange",  "geometry_alone",
-                                           "reach",       "test_rms",    "uncertainty",   "turn_sigma"};
+                                           "compensated", "urdf_alone",  "reach",         "test_rms",
+                                           "uncertainty", "turn_sigma"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",
+                                       "new_point",
                                        "left_out",
                                        "train",
                                        "test",
@@ -261,6 +266,55 @@ std::string beginning_of(const Json& json, const std::vector<std::string>& path)
   return {};
 }
 
+// The object that holds the number at the path.
+const Json* holder_of(const Json& json, std::vector<std::string> path) {
+  path.pop_back();
+  return path.empty() ? &json : found_at(json, path);
+}
+
+double number_at(const Json& json, const std::vector<std::string>& path, double otherwise) {
+  const Json* found = found_at(json, path);
+  return found != nullptr && found->is_number() ? found->get<double>() : otherwise;
+}
+
+// Of points of one configuration each other's errors tell little: a configuration counts once.
+double independent_errors(const Json& json, const Json& statistics) {
+  const Json* targets = found_at(json, {"targets"});
+  const double points = number_at(statistics, {"count"}, 1.0);
+  const double of_each = targets != nullptr && targets->is_array() ? static_cast<double>(targets->size()) : 1.0;
+  return std::max(1.0, std::min(points / std::max(1.0, of_each), number_at(json, {"input", "configurations"}, points)));
+}
+
+double standard_uncertainty(const Requirement& requirement, const Json& json, double value) {
+  const std::string& name = requirement.path.back();
+  const std::string& group = requirement.path.front();
+  const Json* holder = holder_of(json, requirement.path);
+  if (requirement.comparison == "==") {
+    refuse(requirement.text, "a limit, as --guard is given");
+  }
+  // Without more words found_at leads from train to train.after.
+  const Json* statistics = holder != nullptr && holder->contains("after") ? &holder->at("after") : holder;
+  if (name == "rms" && statistics != nullptr && statistics->contains("count")) {
+    const double assumed = number_at(json, {"predicted_accuracy", "budget", "of_assumptions"}, 0.0);
+    return std::hypot(value / std::sqrt(2.0 * independent_errors(json, *statistics)), assumed);
+  }
+  if (group == "new_point") {
+    return value / std::sqrt(2.0 * std::max(1.0, number_at(json, {"new_point", "configurations"}, 1.0)));
+  }
+  if (holder != nullptr && holder->contains("coverage_factor")) {  // the budget
+    const double freedom = number_at(*holder, {"degrees_of_freedom"}, std::numeric_limits<double>::infinity());
+    return value / std::sqrt(2.0 * std::max(1.0, freedom));
+  }
+  if (holder != nullptr && (name == "error" || name == "value" || name == "add")) {
+    const Json* std = found_at(*holder, {"std"});
+    if (std != nullptr && std->is_number()) {
+      return std->get<double>();
+    }
+  }
+  refuse(requirement.text,
+         "an RMS, new_point, the budget, or the error of a parameter, as --guard needs the uncertainty of the number");
+}
+
 bool holds(double left, const std::string& comparison, double right) {
   return comparison == "<"    ? left < right
          : comparison == "<=" ? left <= right
@@ -312,6 +366,10 @@ Requirement parse_requirement(const std::string& text) {
 }
 
 std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json) {
+  return guarded_outcomes(requirements, json, 0.0);
+}
+
+std::vector<Judged> guarded_outcomes(const std::vector<Requirement>& requirements, const Json& json, double guard) {
   std::vector<Judged> result;
   for (const Requirement& requirement : requirements) {
     const Json* value = found_at(json, requirement.path);
@@ -327,7 +385,15 @@ std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, co
       const double found = value->get<double>();
       const double in_unit = found / unit_of(requirement.text, requirement.unit);
       outcome.value = fmt::format("{:.6g}", in_unit) + (requirement.unit.empty() ? "" : " " + requirement.unit);
-      outcome.is_met = holds(found, requirement.comparison, requirement.value);
+      if (guard > 0.0 && !is_number_alone(requirement.text, requirement.path)) {
+        outcome.uncertainty = standard_uncertainty(requirement, json, found);
+        outcome.value +=
+            fmt::format(", with {:g} times its standard uncertainty {:.3g} {}", guard,
+                        outcome.uncertainty / unit_of(requirement.text, requirement.unit), requirement.unit);
+      }
+      const double band = guard * outcome.uncertainty;
+      outcome.is_met = holds(requirement.comparison.front() == '<' ? found + band : found - band,
+                             requirement.comparison, requirement.value);
     }
   }
   return result;
@@ -360,8 +426,19 @@ Json judged_json(const std::vector<Judged>& outcomes) {
                       {"value", requirement.value},
                       {"fulfilled", requirement.is_met},
                       {"message", requirement.is_met ? Json(nullptr) : Json(requirement.message())}});
+    if (requirement.uncertainty > 0.0) {
+      result.back()["uncertainty"] = requirement.uncertainty;
+    }
   }
   return result;
+}
+
+void add_guard(CLI::App& app, double& guard) {
+  app.add_option("--guard", guard,
+                 "Keep the limits of --require by so many standard uncertainties of the number (ISO 14253-1)")
+      ->type_name("K")
+      ->check(number_between(0.0, 10.0, "a number from 0 to 10"))
+      ->capture_default_str();
 }
 
 void add_require(CLI::App& app, std::vector<std::string>& texts) {

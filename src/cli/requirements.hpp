@@ -28,13 +28,20 @@ Requirement parse_requirement(const std::string& text);
 /// fulfil nothing.
 struct Judged {
   std::string text;   ///< the requirement
-  std::string value;  ///< that was found, in the requirement's unit
+  std::string value;  ///< that was found, in the requirement's unit; with a guard band and its width
   bool is_met = false;
+  double uncertainty = 0.0;  ///< [SI] standard uncertainty of the value; 0 without a guard band
 
   /// A sentence if it is not met, else empty.
   std::string message() const;
 };
 std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json);
+
+/// The same with a guard band (ISO 14253-1): a length or an angle must keep its limit by `guard` times its standard
+/// uncertainty u. Of an RMS error of n configurations u^2 = rms^2 / (2 n) + of_assumptions^2, of the budget and the
+/// expanded errors of a new point u = value / sqrt(2 n), of a parameter its std. Throws InputError for a length or
+/// angle whose uncertainty is not known, and for ==. Numbers without unit have no guard band.
+std::vector<Judged> guarded_outcomes(const std::vector<Requirement>& requirements, const Json& json, double guard);
 
 /// One line for each, for the terminal; empty without any.
 std::string outcome_lines(const std::vector<Judged>& outcomes);
@@ -45,6 +52,8 @@ std::vector<std::string> unfulfilled(const std::vector<Judged>& outcomes);
 /// [{text, fulfilled, message}], the value of "requirements" in a result.
 Json judged_json(const std::vector<Judged>& outcomes);
 
+/// --guard
+void add_guard(CLI::App& app, double& guard);
 /// --require
 void add_require(CLI::App& app, std::vector<std::string>& texts);
 std::vector<Requirement> parse_requirements(const std::vector<std::string>& texts);

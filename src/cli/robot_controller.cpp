@@ -18,4 +18,8 @@ Controller controller_of_robot(const Robot& robot) {
   return bundled ? *bundled : controller_of_links(robot);
 }
 
+std::optional<Eigen::Isometry3d> world_of(const Robot& robot, const std::optional<JointConvention>& convention) {
+  return convention ? std::optional(controller_of_robot(robot).X_BW) : std::nullopt;
+}
+
 }  // namespace kdl_calibration::cli

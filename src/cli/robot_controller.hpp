@@ -13,4 +13,7 @@ std::optional<Controller> bundled_controller(const Robot& robot);
 /// That one, else the controller of the URDF's links (see controller_of_links).
 Controller controller_of_robot(const Robot& robot);
 
+/// Its world frame in the base, where its joints are known as well.
+std::optional<Eigen::Isometry3d> world_of(const Robot& robot, const std::optional<JointConvention>& convention);
+
 }  // namespace kdl_calibration::cli

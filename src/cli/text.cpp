@@ -40,6 +40,8 @@ void say(const char* what, const std::string& text) {
 
 }  // namespace
 
+void inform(const std::string& text) { say("note", text); }
+
 void warn(const std::string& text) { say("warning", text); }
 
 void print_doubt(const std::string& text) { say("not to be trusted", text); }

@@ -13,6 +13,8 @@ std::optional<double> parsed_number(std::string_view text);
 /// Writes to standard output. Throws InputError on failure.
 void print(std::string_view text);
 
+/// One line on standard error that starts with "kdlcal: note: ", for what asks for no action.
+void inform(const std::string& text);
 /// One line on standard error that starts with "kdlcal: warning: ".
 void warn(const std::string& text);
 /// One line on standard error that starts with "kdlcal: not to be trusted: ".

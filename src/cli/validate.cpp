@@ -14,6 +14,7 @@
 #include "cli/output_files.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/requirements.hpp"
+#include "cli/robot_controller.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "cli/truth_report.hpp"
@@ -257,19 +258,20 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   const Json result = json(errors, measurements);
   const std::vector<Judged> outcomes = judged(requirements, errors, result);
   const std::vector<std::string> missed = unfulfilled(outcomes);
+  const std::optional<JointConvention> convention = convention_of(arguments.measurements.joint_convention, robot);
   for (OutputFile& file : files) {
     const ErrorModel model = model_at_stations(measurements, arm->model);
     const Estimate estimate{.errors = arm->estimate.errors, .frames = errors.frames, .effects = arm->estimate.effects};
-    file.text =
-        validation_page({.result = with_provenance(arguments, robot, measurements, result),
-                         .robot = robot,
-                         .reported = {.model = model,
-                                      .estimate = estimate,
-                                      .measurements = measurements,
-                                      .convention = convention_of(arguments.measurements.joint_convention, robot)},
-                         .warnings = errors.warnings,
-                         .requirements = judged_json(outcomes),
-                         .doubts = doubts});
+    file.text = validation_page({.result = with_provenance(arguments, robot, measurements, result),
+                                 .robot = robot,
+                                 .reported = {.model = model,
+                                              .estimate = estimate,
+                                              .measurements = measurements,
+                                              .convention = convention,
+                                              .X_BK = world_of(robot, convention)},
+                                 .warnings = errors.warnings,
+                                 .requirements = judged_json(outcomes),
+                                 .doubts = doubts});
   }
   write_whole(
       files, arguments.force,

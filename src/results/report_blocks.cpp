@@ -189,11 +189,12 @@ Json of_controller(const JointConvention& convention, const std::vector<MovingJo
 }
 
 // Measured region for which the page states accuracy: joint ranges, and the box of the measured points parallel to the
-// base axes. From the fitted rows, or all rows if none was fitted.
+// axes of the controller's world, else of the base. From the fitted rows, or all rows if none was fitted.
 void add_reach(const ReportedMeasurements& reported, const std::vector<Vector3d>& measured,
                const Eigen::MatrixXd& joint_values, Json& result) {
   const Estimate& estimate = reported.estimate;
-  const Eigen::Isometry3d X_BW = estimate.frames.base().inverse();
+  const Eigen::Isometry3d X_KW =
+      (estimate.frames.base() * reported.X_BK.value_or(Eigen::Isometry3d::Identity())).inverse();
   const std::vector<Observation>& rows = reported.measurements.observations;
   const auto is_fitted = [](const Observation& observation) { return observation.split == Split::train; };
   const bool any_fitted = std::any_of(rows.begin(), rows.end(), is_fitted);
@@ -205,7 +206,7 @@ void add_reach(const ReportedMeasurements& reported, const std::vector<Vector3d>
     if (any_fitted && !is_fitted(observation)) {
       continue;
     }
-    box.extend(X_BW * (to_first_station(estimate, observation) * measured[row]));
+    box.extend(X_KW * (to_first_station(estimate, observation) * measured[row]));
     lower = lower.cwiseMin(joint_values.col(observation.configuration));
     upper = upper.cwiseMax(joint_values.col(observation.configuration));
   }
@@ -247,6 +248,27 @@ Json robot_block(const Robot& robot, const ErrorModel& model, const Estimate& es
           {"targets", targets}};
 }
 
+namespace {
+
+// A configuration's joint values: of the URDF, of the controller, and with effects.
+Json configuration_json(const ReportedMeasurements& reported, const ShownJoints& known, std::int32_t configuration) {
+  const Measurements& measurements = reported.measurements;
+  const Eigen::VectorXd& effects = reported.estimate.effects;
+  const Eigen::VectorXd q = measurements.joint_values.col(configuration);
+  Json result = {{"name", measurements.configurations[static_cast<std::size_t>(configuration)]},
+                 {"joint_values", numbers_json(q)}};
+  if (reported.convention) {
+    result["controller"] = numbers_json(known.values.col(configuration));
+  }
+  if (effects.size() > 0 && !effects.isZero(0.0)) {
+    const DriveSignals signals = column(measurements.signals, configuration);
+    result["effective"] = numbers_json(effective_joint_values(reported.model, effects, q, signals));
+  }
+  return result;
+}
+
+}  // namespace
+
 Json measurements_block(const ReportedMeasurements& reported) {
   const Measurements& measurements = reported.measurements;
   const std::vector<Vector3d> after = residuals_of(reported.model, reported.estimate, measurements);
@@ -257,7 +279,6 @@ Json measurements_block(const ReportedMeasurements& reported) {
   }
   const std::vector<double> distances = norms(after);
   const std::vector<std::size_t> shown = shown_rows(distances);
-  const bool has_effects = reported.estimate.effects.size() > 0 && !reported.estimate.effects.isZero(0.0);
   const ShownJoints known = shown_joints(reported.model, measurements.joint_values, reported.convention);
 
   std::vector<int> number(measurements.configurations.size(), -1);  // index of each configuration on the page
@@ -268,16 +289,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
     const auto c = static_cast<std::size_t>(observation.configuration);
     if (number[c] < 0) {
       number[c] = static_cast<int>(configurations.size());
-      const Eigen::VectorXd q = measurements.joint_values.col(observation.configuration);
-      const DriveSignals signals = column(measurements.signals, observation.configuration);
-      configurations.push_back({{"name", measurements.configurations[c]}, {"joint_values", numbers_json(q)}});
-      if (reported.convention) {
-        configurations.back()["controller"] = numbers_json(known.values.col(observation.configuration));
-      }
-      if (has_effects) {
-        configurations.back()["effective"] =
-            numbers_json(effective_joint_values(reported.model, reported.estimate.effects, q, signals));
-      }
+      configurations.push_back(configuration_json(reported, known, observation.configuration));
     }
     const Eigen::Isometry3d to_first = to_first_station(reported.estimate, observation);
     points.push_back({{"row", row},
@@ -298,6 +310,7 @@ Json measurements_block(const ReportedMeasurements& reported) {
     }
   }
   Json result = {{"targets", measurements.targets},
+                 {"world", reported.X_BK ? frame12(*reported.X_BK) : Json(nullptr)},
                  {"rows", measurements.observations.size()},
                  {"all_configurations", measurements.joint_values.cols()},
                  {"complete", shown.size() == measurements.observations.size()},

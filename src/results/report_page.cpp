@@ -6,6 +6,7 @@
 
 #include "base/json_reading.hpp"
 #include "base/json_tree.hpp"
+#include "base/sha256.hpp"
 #include "estimation/identification.hpp"
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -162,7 +163,8 @@ Json calibration_data(const CalibrationPage& page, Json result) {
                                              .estimate = saved.estimate,
                                              .measurements = *measured,
                                              .before = &before,
-                                             .convention = page.convention});
+                                             .convention = page.convention,
+                                             .X_BK = page.X_BK});
       data["effects"] = effects_block(saved, *page.measurements);
     }
   }
@@ -176,6 +178,15 @@ Json calibration_data(const CalibrationPage& page, Json result) {
   }
   data["missing"] = missing_json(page);
   data["plan_command"] = page.plan_command;
+  data["apply_command"] = page.apply_command;
+  data["cures"] = Json::object();
+  for (const auto& [cause, cure] : page.cures) {
+    data["cures"][to_string(cause)] = cure;
+  }
+  if (!page.paper.empty()) {
+    data["paper"] = page.paper;
+  }
+  data["sha256"] = sha256(page.result);
   data["result"] = std::move(result);
   return data;
 }

@@ -1,12 +1,15 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
 
 #include "estimation/registration.hpp"
 #include "estimation/unknowns.hpp"
+#include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -40,6 +43,8 @@ struct ReportedMeasurements {
   const Measurements& measurements;
   const Estimate* before = nullptr;                          ///< null: no comparison
   std::optional<JointConvention> convention = std::nullopt;  ///< none: joint values are shown as in the URDF
+  /// The controller's world in the base, in which places are shown; none: they are shown in the base.
+  std::optional<Eigen::Isometry3d> X_BK = std::nullopt;
 };
 std::string reported_measurements(const ReportedMeasurements& reported);
 
@@ -52,7 +57,11 @@ struct CalibrationPage {
   const Measurements* measurements = nullptr;  ///< the fitted ones; requires `robot`
   KnownFrames known;                           ///< of the calibration
   std::optional<JointConvention> convention = std::nullopt;
-  std::string plan_command;  ///< command that plans the next measurements; empty: not shown
+  std::optional<Eigen::Isometry3d> X_BK = std::nullopt;  ///< the controller's world, see ReportedMeasurements
+  std::string plan_command;                              ///< command that plans the next measurements; empty: not shown
+  std::string paper = {};                                ///< size of the printed page in CSS; empty: the printer's
+  std::string apply_command = {};                        ///< command after the mastering was entered; empty: not shown
+  std::map<Cause, std::string> cures = {};               ///< what helps against doubts, beside their messages
 };
 
 /// Equal input gives equal bytes. Throws InputError for an invalid result or one of another robot.

@@ -214,6 +214,21 @@ Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration
           {"sha256", hash}};
 }
 
+bool is_information(Cause cause) {
+  switch (cause) {
+    case Cause::file_interpreted:
+    case Cause::single_coordinates:
+    case Cause::points_not_compared:
+    case Cause::neighbours_left_out:
+    case Cause::held_as_registered:
+    case Cause::smallest_errors:
+    case Cause::distances_corrected:
+      return true;
+    default:
+      return false;
+  }
+}
+
 Json provenance_json(const Provenance& provenance) {
   Json notes = Json::object();
   for (const auto& [key, value] : provenance.notes) {

@@ -40,6 +40,9 @@ Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration
 /// "gravity, gain (20 configurations needed); tables (50 configurations needed)"
 std::string in_words(const std::vector<NotTried>& choices);
 
+/// Whether a remark says how the measurements were read or treated, and asks for no action.
+bool is_information(Cause cause);
+
 Json files_json(const std::vector<HashedFile>& files);
 Json provenance_json(const Provenance& provenance);
 

@@ -1,9 +1,11 @@
 #include "results/result_json.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/distributions.hpp"
 #include "base/json_tree.hpp"
 #include "base/number_range.hpp"
 #include "base/sha256.hpp"
@@ -197,8 +199,9 @@ Json doubts_json(const std::vector<Doubt>& doubts) {
 // Without the messages, which are the warnings.
 Json remarks_json(const std::vector<Remark>& remarks) {
   Json result = doubts_json(remarks);
-  for (Json& remark : result) {
-    remark.erase("message");
+  for (std::size_t i = 0; i < remarks.size(); ++i) {
+    result[i].erase("message");
+    result[i]["information"] = is_information(remarks[i].cause);
   }
   return result;
 }
@@ -217,8 +220,9 @@ Json tried_json(const std::vector<ModelOption>& options) {
 
 // 3D 1 sigma of a new measured point about its prediction, by source.
 Json budget_json(const NoiseReport& noise, const PredictedAccuracy& predicted) {
-  constexpr double kCoverage = 2.0;
-  const double factor = new_point_noise(noise).variance_factor;
+  const NewPointNoise of_point = new_point_noise(noise);
+  const double factor = of_point.variance_factor;
+  const double k = coverage_factor(std::max(1.0, of_point.degrees_of_freedom));
   const double point = factor * noise.independent.squaredNorm();
   const double repeat = factor * noise.common.squaredNorm();
   const double misfit = 3.0 * (noise.misfit * noise.misfit + noise.target_misfit * noise.target_misfit);
@@ -231,7 +235,21 @@ Json budget_json(const NoiseReport& noise, const PredictedAccuracy& predicted) {
           {"of_parameters", finite_or_null(parameters)},
           {"of_assumptions", assumptions},
           {"total", finite_or_null(total)},
-          {"expanded", finite_or_null(kCoverage * total)}};
+          {"degrees_of_freedom", finite_or_null(of_point.degrees_of_freedom)},
+          {"coverage_factor", k},
+          {"expanded", finite_or_null(k * total)}};
+}
+
+Json new_point_json(const NewPointErrors& errors) {
+  return {{"rows", errors.rows == NewPointErrors::Rows::left_out ? "left_out"
+                   : errors.rows == NewPointErrors::Rows::test   ? "test"
+                                                                 : "fitted"},
+          {"of_coordinates", errors.of_coordinates},
+          {"configurations", errors.configurations},
+          {"coverage_factor", errors.coverage_factor},
+          {"compensated", errors.compensated},
+          {"urdf_alone", errors.urdf_alone},
+          {"nominal", errors.nominal}};
 }
 
 Json earlier_json(const EarlierComparison& comparison) {
@@ -505,6 +523,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   }
   result["targets"] = targets_json(calibration);
   result["position_error"] = position_error_json(calibration.accuracy);
+  result["new_point"] = new_point_json(new_point_errors(calibration, measurements));
   if (const auto& convention = options.diagnosis.convention) {
     result["joint_offsets"] = joint_offsets_json(calibration, *convention);
   }

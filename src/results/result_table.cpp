@@ -12,6 +12,7 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "base/wrapped_text.hpp"
+#include "calibration/new_point.hpp"
 #include "calibration/parameter_estimates.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
@@ -107,7 +108,7 @@ std::string noise_line(const NoiseReport& noise) {
   return line + (noise.repeats ? " (from residuals and repeats)" : " (from the residuals)");
 }
 
-void add_figures(const CalibrationResult& calibration, std::string& text) {
+void add_figures(const CalibrationResult& calibration, bool details, std::string& text) {
   const Identification& found = calibration.fit.identification;
   text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
   text += fmt::format("rank {} of {} parameters, condition number {:.0f}, {} iterations\n",
@@ -116,7 +117,7 @@ void add_figures(const CalibrationResult& calibration, std::string& text) {
   if (found.convergence_factor > 0.0) {
     text += fmt::format("each round left {:.3f} of the error of the round before\n", found.convergence_factor);
   }
-  if (calibration.uncertainty.predicted.workspace.count > 0) {
+  if (details && calibration.uncertainty.predicted.workspace.count > 0) {
     text += fmt::format(
         "1 sigma of a predicted point, from the uncertainty of the parameters alone:\n  {:.3f} mm at the measured "
         "configurations, {:.3f} mm over the whole workspace\n",
@@ -402,6 +403,24 @@ std::string verdict(const Measurements& measurements, const CalibrationResult& c
   return text + "\n" + of_what;
 }
 
+// The accuracy that users ask for, in one sentence.
+std::string new_point_line(const CalibrationResult& calibration, const Measurements& measurements) {
+  const NewPointErrors errors = new_point_errors(calibration, measurements);
+  const auto mm = [](double value) { return fmt::format("{:.{}f} mm", value * 1e3, value < 1e-4 ? 3 : 2); };
+  const std::string rigid = errors.urdf_alone == errors.compensated
+                                ? " in compensated programs or with the URDF"
+                                : " in compensated programs, " + mm(errors.urdf_alone) + " with the URDF alone";
+  const std::string nominal = ", " + mm(errors.nominal) + " as the robot is";
+  const char* rows = errors.rows == NewPointErrors::Rows::left_out ? ""
+                     : errors.rows == NewPointErrors::Rows::test
+                         ? " (by the test rows)"
+                         : " (by the fitted rows, which is too good: nothing was left out)";
+  return wrapped(fmt::format("A new {} lies within {} (k = {:.2g}){}{}{}.",
+                             errors.of_coordinates ? "coordinate or distance" : "point", mm(errors.compensated),
+                             errors.coverage_factor, rigid, nominal, rows),
+                 0, 4);
+}
+
 std::string main_row(const std::string& label, const BeforeAfter& errors, double ErrorStatistics::*figure) {
   const auto cell_of = [&](const std::optional<ErrorStatistics>& statistics) {
     return statistics && statistics->count > 0 ? cell(*statistics.*figure * 1e3, 12) : std::string(12, ' ');
@@ -449,8 +468,9 @@ std::string result_table(const Measurements& measurements, const CalibrationResu
                          const TableOptions& options) {
   check(calibration.fit.identification.estimate, calibration.model, measurements);
   std::string text = verdict(measurements, calibration);
+  text += calibration.trusted() ? new_point_line(calibration, measurements) : "";
   add_main_figures(calibration, text);
-  add_figures(calibration, text);
+  add_figures(calibration, options.details, text);
   if (calibration.trusted()) {
     if (options.convention != nullptr) {
       add_joint_offsets(calibration, *options.convention, text);

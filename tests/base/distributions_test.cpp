@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace kdl_calibration::distributions_test {
@@ -125,5 +126,14 @@ TEST(ChiSquared, TailHoldsAtAMillionDegreesOfFreedom) {
     EXPECT_NEAR(reduced_chi_squared_tail(ratio, kFreedom), 0.5 * std::erfc(z / std::sqrt(2.0)), 1e-6) << z;
   }
 }
+// Table G.2 of the GUM, JCGM 100:2008, column 95.45 %.
+TEST(Distributions, CoverageFactorsAreThoseOfTheGum) {
+  for (const auto& [freedom, k] : std::vector<std::pair<double, double>>{
+           {1, 13.97}, {2, 4.53}, {3, 3.31}, {5, 2.65}, {10, 2.28}, {20, 2.13}, {50, 2.05}, {100, 2.025}}) {
+    EXPECT_NEAR(coverage_factor(freedom), k, 0.0051) << freedom;
+  }
+  EXPECT_NEAR(coverage_factor(std::numeric_limits<double>::infinity()), 2.0, 1e-9);
+}
+
 }  // namespace
 }  // namespace kdl_calibration::distributions_test

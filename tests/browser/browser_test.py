@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -17,7 +18,7 @@ ARGUMENTS = None
 SKIPPED = 77
 
 SECTIONS = {
-    "calibration": ["verdict", "provenance", "accuracy", "robot", "residuals", "parameters", "effects", "influence", "next"],
+    "calibration": ["verdict", "provenance", "accuracy", "enter", "robot", "residuals", "parameters", "effects", "influence", "next"],
     "validation": ["verdict", "provenance", "accuracy", "robot", "residuals"],
     "comparison": ["verdict", "provenance", "parameters"],
     "compensation": ["verdict", "provenance", "corrections", "bounded"],
@@ -138,16 +139,24 @@ class Pages(unittest.TestCase):
           } return most;""")
         self.assertLess(largest, 1e-9)
 
-    def check_tiles(self, data):
-        """The figures at the top are those of the data."""
-        shown = self.js("return Array.from(document.querySelectorAll('#verdict .tile .value'), (n) => n.textContent)")
-        errors = data["result"]["position_error"]
-        held_out = errors.get("leave_one_out") or errors.get("k_fold")
-        expected = [short_number(held_out["after"][k]) for k in ("rms", "max")] if held_out else []
-        if "test" in errors:
-            expected.append(short_number(errors["test"]["after"]["rms"]))
-        expected.append(short_number(errors["train"]["after"]["rms"]))
-        self.assertEqual(shown, expected)
+    def check_statement(self, data):
+        """The sentence at the top: k times the RMS of rows that were not fitted, and what no row shows, for each robot."""
+        result = data["result"]
+        errors, stated = result["position_error"], result["new_point"]
+        pair = errors.get("leave_one_out") or errors.get("k_fold") or errors.get("test") or errors["train"]
+        assumed = result["predicted_accuracy"]["budget"]["of_assumptions"]
+        expanded = lambda rms: stated["coverage_factor"] * math.hypot(rms, assumed)
+        self.assertAlmostEqual(stated["nominal"], expanded(pair["before"]["rms"]), delta=1e-12)
+        if "exported_urdf" in pair:
+            self.assertAlmostEqual(stated["urdf_alone"], expanded(pair["exported_urdf"]["rms"]), delta=1e-12)
+        self.assertGreaterEqual(stated["compensated"], expanded(pair["after"]["rms"]) - 1e-12)
+        millimetres = lambda v: f"{v * 1e3:.{3 if v < 1e-4 else 2}f} mm"
+        shown = [millimetres(v) for v in dict.fromkeys([stated["nominal"], stated["urdf_alone"], stated["compensated"]])]
+        self.assertEqual(self.js("return Array.from(document.querySelectorAll('#verdict .arms .value'), (n) => n.textContent)"), shown)
+        if result["trusted"]:
+            sentence = self.js("return document.querySelector('#verdict .statement').textContent")
+            self.assertEqual([word for word in shown if word not in sentence], [])
+        self.assertLessEqual(self.js("return document.querySelectorAll('#verdict > .messages li').length"), 3)
 
     def rows_of(self, section):
         return self.js("return Array.from(document.querySelectorAll(arguments[0] + ' tbody tr'), (r) => Array.from(r.cells, (c) => c.textContent))",
@@ -155,7 +164,7 @@ class Pages(unittest.TestCase):
 
     def check_calibration(self, name):
         data = self.check_page(name)
-        self.check_tiles(data)
+        self.check_statement(data)
         self.check_kinematics()
         self.check_errors(data["result"])
         self.check_budget(data["result"])
@@ -175,12 +184,12 @@ class Pages(unittest.TestCase):
     def check_budget(self, result):
         """Root sums of squares over the axes, and over the parts."""
         noise, predicted = result["noise"], result["predicted_accuracy"]
-        rows = {row[0]: row[1] for row in self.rows_of("accuracy table.budget")}
+        rows = {row[0]: row[2] for row in self.rows_of("accuracy table.budget")}
         parts = [math.hypot(*noise["independent"]), math.hypot(*noise["common"]), math.sqrt(3) * math.hypot(noise["misfit"], noise["target_misfit"])]
         if predicted["measured"] and noise["model"] == "parts":
             parts += [predicted["unseen"]["rms"], predicted["budget"]["of_assumptions"]]
             total = math.hypot(*parts)
-            self.assertEqual(list(rows.values()), [short_number(value) if value else "0.000" for value in [*parts, total, 2 * total]])
+            self.assertEqual(list(rows.values()), [short_number(value) if value else "0.000" for value in [*parts, total, predicted["budget"]["coverage_factor"] * total]])
 
     def test_calibration_of_the_demo(self):
         data = self.check_calibration("demo.html")
@@ -386,9 +395,28 @@ class Pages(unittest.TestCase):
     def test_page_from_a_result_alone_says_what_is_missing(self):
         kdlcal(self.path, "report", "--result", "demo.json", "--output", "alone.html")
         data = self.check_page("alone.html")
-        self.check_tiles(data)
+        self.check_statement(data)
         for section, why in [("robot", "robot"), ("residuals", "robot")]:
             self.assertIn(data["missing"][why], self.js("return document.getElementById(arguments[0]).innerText", section))
+
+    def test_printed_by_kdlcal(self):
+        for paper, size in [("a4", (595, 842)), ("letter", (612, 792))]:
+            kdlcal(self.path, "report", "--result", "demo.json", "--measurements", "demo.csv", "--pdf", paper + ".pdf", "--paper", paper)
+            printed = (self.path / (paper + ".pdf")).read_bytes()
+            boxes = [tuple(round(float(v)) for v in box.split()[2:]) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", printed)]
+            self.assertGreater(len(boxes), 3)
+            self.assertEqual(set(boxes), {size})
+
+    def test_paper_has_every_list_open_and_the_signature_last(self):
+        self.open("demo.html")
+        self.js("dispatchEvent(new Event('beforeprint'))")
+        self.assertEqual(self.js("return document.querySelectorAll('details:not([open])').length"), 0)
+        foot = self.js("return Array.from(document.querySelectorAll('head style'), (s) => s.textContent).join()")
+        self.assertRegex(foot, r"@bottom-left \{ content: \"Calibration report, [^\"]*serial R1\"")
+        self.assertIn("counter(page)", foot)
+        self.assertEqual(self.js("return Array.from(document.querySelectorAll('#end .inner > *')).pop().className"), "signature")
+        self.js("dispatchEvent(new Event('afterprint'))")
+        self.assertGreater(self.js("return document.querySelectorAll('details:not([open])').length"), 0)
 
     def test_validation(self):
         kdlcal(self.path, "validate", "--urdf", "demo.urdf", "--measurements", "demo.csv", "--report", "validation.html",
@@ -407,7 +435,7 @@ class Pages(unittest.TestCase):
         kdlcal(self.path, "compare", "demo.json", "later.json", "--report", "comparison.html")
         data = self.check_page("comparison.html", "comparison")["result"]
         self.assertEqual(self.js("return document.querySelector('.headline').textContent"), "The robot has changed")
-        shown = {row[0]: row for row in self.rows_of("parameters")}
+        shown = {row[0].split(",")[0]: row for row in self.rows_of("parameters")}
         for parameter in data["parameters"]:
             row = shown[parameter["name"]]
             factor, decimals = (1e3, 4) if parameter["unit"] == "m" else (180 / math.pi, 5)
@@ -467,13 +495,21 @@ class Pages(unittest.TestCase):
         for joint in range(1, 7):
             value = next(float(first[column]) for column in first if column.startswith(f"J{joint}"))
             self.assertIn(f"J{joint} {signed(math.degrees(value), 2)} °", shown)
-        rows = self.rows_of("parameters")
+        rows = self.rows_of("enter table.enter")
         for row, offset in zip(rows, data["result"]["joint_offsets"]["joints"]):
-            expected = ["–", "–", "–", "", "not measurable: base or targets take it up"]
+            expected = ["–", "", "–", "–", "–", "leave it: base or targets take it up"]
             if offset["measurable"]:
                 half = math.degrees((offset["interval_95"][1] - offset["interval_95"][0]) / 2)
-                expected = [signed(math.degrees(offset["add"]), 5), f"± {half:.5f}", signed(math.degrees(offset["add_if_only_these"]), 5), "°", ""]
+                add = math.degrees(offset["add"])
+                expected = [signed(add, 3), "°", signed(add, 5), f"± {half:.5f}", signed(math.degrees(offset["add_if_only_these"]), 5), ""]
             self.assertEqual(row, [offset["joint"], *expected])
+        # The controller's world is at the height of J2, 0.67 m above the base link.
+        region = data["measured"]["region"]
+        heights = [p["measured"] for p in data["measured"]["points"]]
+        base = data["robot"]["base"]
+        in_base = [sum(base[4 * i + 2] * (p[i] - base[4 * i + 3]) for i in range(3)) for p in heights]
+        self.assertAlmostEqual(region["lower"][2], min(in_base) - 0.67, delta=1e-9)
+        self.assertIn("the controller's world frame", self.js("return document.getElementById('verdict').textContent"))
         kdlcal(self.path, "validate", "--urdf", "real.urdf", "--measurements", measured, "--joint-convention",
                pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_serial.json", "--report", "validated.html")
         errors = self.check_page("validated.html", "validation")["result"]["position_error"]["train"]

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <string>
 
@@ -214,6 +215,52 @@ TEST(MeasuredRegion, OnItsBoundaryHolds) {
   MeasuredRegion region{.radius_factor = 1.0, .largest_variance = 3.0, .joints = {{-1.0, 2.0}}};
   EXPECT_TRUE(region.holds(Eigen::VectorXd::Constant(1, -1.0), Matrix3d::Identity()));
   EXPECT_TRUE(region.holds(Eigen::VectorXd::Constant(1, 2.0), Matrix3d::Identity()));
+}
+
+// By hand, with k of the GUM for 5 left-out configurations (2.649) and for 2 test configurations (4.527).
+TEST(NewPoint, StatesTheErrorsOfAllRobotsInTheSameWay) {
+  Measurements measurements;
+  measurements.joint_values = Eigen::MatrixXd::Zero(1, 7);
+  measurements.targets = {"A"};
+  for (std::int32_t c = 0; c < 7; ++c) {
+    measurements.configurations.push_back(std::to_string(c));
+    for (int repeat = 0; repeat < 3; ++repeat) {
+      measurements.observations.push_back({.reading = Point{Vector3d::Zero()},
+                                           .configuration = c,
+                                           .repeat = repeat,
+                                           .split = c < 5 ? Split::train : Split::test});
+    }
+  }
+  const auto errors = [](double before, double after) {
+    return BeforeAfter{.before = {.count = 5, .rms = before}, .after = {.count = 5, .rms = after}, .rigid = {}};
+  };
+  CalibrationResult found;
+  found.uncertainty.predicted.of_assumptions = 3e-5;
+  found.selection.optimism = 2.0;
+  found.accuracy.train = errors(9e-4, 1e-5);
+  const NewPointErrors fitted = new_point_errors(found, measurements);
+  EXPECT_EQ(fitted.rows, NewPointErrors::Rows::fitted);
+  EXPECT_NEAR(fitted.compensated, 2.649 * std::hypot(1e-5, 3e-5), 1e-7);
+  EXPECT_EQ(fitted.urdf_alone, fitted.compensated) << "without effects it is the same robot";
+
+  found.accuracy.test = errors(8e-4, 4e-5);
+  const NewPointErrors tested = new_point_errors(found, measurements);
+  EXPECT_EQ(tested.rows, NewPointErrors::Rows::test);
+  EXPECT_EQ(tested.configurations, 2);
+  EXPECT_NEAR(tested.compensated, 4.527 * 5e-5, 1e-7);
+
+  found.accuracy.leave_one_out = errors(7e-4, 2e-5);
+  found.accuracy.leave_one_out->rigid = {.count = 5, .rms = 4e-5};
+  NewPointErrors left_out = new_point_errors(found, measurements);
+  EXPECT_EQ(left_out.rows, NewPointErrors::Rows::left_out);
+  EXPECT_EQ(left_out.configurations, 5);
+  EXPECT_NEAR(left_out.coverage_factor, 2.649, 5e-4);
+  EXPECT_NEAR(left_out.compensated, 2.649 * 5e-5, 1e-7) << "twice the error: they have chosen the model";
+  EXPECT_NEAR(left_out.urdf_alone, 2.649 * 5e-5, 1e-7);
+  EXPECT_NEAR(left_out.nominal, 2.649 * std::hypot(7e-4, 3e-5), 1e-6);
+
+  found.accuracy.nested_leave_one_out = ErrorStatistics{.count = 5, .rms = 4e-4};
+  EXPECT_NEAR(new_point_errors(found, measurements).compensated, 2.649 * std::hypot(4e-4, 3e-5), 1e-6);
 }
 
 }  // namespace

@@ -87,6 +87,42 @@ TEST(Requirements, KnowNoNameThatNoResultHas) {
   }
 }
 
+// ISO 14253-1. By hand: 8 configurations of 2 targets, u = hypot(0.4 / sqrt(2 * 8), 0.05) = 0.1118 mm.
+TEST(Requirements, KeepTheirLimitsByAGuardBand) {
+  const Json json = Json::parse(R"({"targets": [{}, {}], "rank": 5, "input": {"configurations": 8},
+    "position_error": {"train": {"before": {"rms": 9}, "after": {"rms": 0.0004, "max": 0.001, "count": 160}},
+                       "test": {"after": {"rms": 0.0004, "count": 4}}},
+    "new_point": {"configurations": 8, "compensated": 0.0012},
+    "predicted_accuracy": {"budget": {"of_assumptions": 0.00005, "coverage_factor": 2, "degrees_of_freedom": 50,
+                                      "total": 0.001}},
+    "parameters": [{"error": 0.002, "std": 0.0001}]})");
+  const auto met = [&](const std::string& text, double guard = 2.0) {
+    return cli::guarded_outcomes({cli::parse_requirement(text)}, json, guard).at(0).is_met;
+  };
+  const double u = std::hypot(0.4 / std::sqrt(2.0 * 8.0), 0.05);
+  EXPECT_NEAR(cli::guarded_outcomes({cli::parse_requirement("train.rms<1mm")}, json, 2.0).at(0).uncertainty, u * 1e-3,
+              1e-12);
+  for (const auto& [text, is_met] : std::vector<std::pair<std::string, bool>>{
+           {"train.rms<=0.63mm", true},  // 0.4 + 2 * 0.1118 = 0.6236
+           {"train.rms<=0.62mm", false},
+           {"train.rms>=0.17mm", true},  // from below as well
+           {"train.rms>=0.18mm", false},
+           {"test.rms<=0.82mm", true},  // 4 points of 2 targets: 2 configurations, u = hypot(0.2, 0.05)
+           {"test.rms<=0.81mm", false},
+           {"new_point.compensated<=1.81mm", true},  // 1.2 + 2 * 1.2 / 4
+           {"new_point.compensated<=1.79mm", false},
+           {"predicted_accuracy.budget.total<=1.21mm", true},  // 1 + 2 * 1 / 10
+           {"predicted_accuracy.budget.total<=1.19mm", false},
+           {"parameters.0.error<=2.21mm", true},
+           {"parameters.0.error<=2.19mm", false},
+           {"rank>=5", true}}) {
+    EXPECT_EQ(met(text), is_met) << text;
+  }
+  EXPECT_TRUE(met("train.rms<=0.41mm", 0.0));
+  EXPECT_THAT(refusal([&] { met("train.max<=2mm"); }), ::testing::HasSubstr("as --guard needs the uncertainty"));
+  EXPECT_THAT(refusal([&] { met("train.rms==0.4mm"); }), ::testing::HasSubstr("expected a limit, as --guard is given"));
+}
+
 TEST(Requirements, AreJudgedByTheNumberTheyLeadTo) {
   const Json json = Json::parse(R"({"rank": 33, "weights": [1, 2.5], "count": "5", "condition": null,
     "noise": {"after": {"rms": 0.5}, "before": {"rms": 9}, "count": 7},

@@ -351,8 +351,9 @@ TEST(ResultJson, IsWrittenAsItStandsHere) {
   EXPECT_EQ(single, Json::parse(R"({"termination": "stalled", "message": "stands", "trusted": false, "iterations": 7,
       "rank": 21, "condition": 55.5, "history": [0.5, 0.25], "singular_values": [4.0, 2.0], "weights": [0.25, 0.5],
       "difference_to_kdl": 1e-15, "fixed_by_gauge": ["Tz3"], "warnings": ["one", "another"],
-      "remarks": [{"cause": "lack_of_fit", "subjects": [], "figures": {"p_value": 0.25}},
-                  {"cause": "held_by_gauge", "subjects": [{"kind": "parameter", "name": "Tz3"}], "figures": {}}],
+      "remarks": [{"cause": "lack_of_fit", "subjects": [], "figures": {"p_value": 0.25}, "information": false},
+                  {"cause": "held_by_gauge", "subjects": [{"kind": "parameter", "name": "Tz3"}], "figures": {},
+                   "information": false}],
       "doubts": [{"cause": "not_converged", "message": "doubted",
                   "subjects": [{"kind": "target", "name": "A"}, {"kind": "configuration", "name": "first"}],
                   "figures": {"misfit": 0.5, "estimate": null}}], "tied": [["dq2"], ["Tx1", "Ry1"]],
@@ -403,6 +404,9 @@ TEST(ResultJson, IsWrittenAsItStandsHere) {
 /// Student's t at 97.5 % with 10 degrees of freedom, of tables.
 constexpr double kT = 2.228138852;
 
+/// The same at 97.725 %, two sigma of a normal distribution, with 12.5: scipy.stats.t.ppf(norm.cdf(2), 12.5).
+constexpr double kK = 2.2211425729756553;
+
 TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
   Json result = made_up().result;
   Json& parameters = result["parameters"];
@@ -431,7 +435,7 @@ TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
                                                                   {"of_parameters", 25.2 * 25.2},
                                                                   {"of_assumptions", 0.25},
                                                                   {"total", 0.3625 + 1.375 + 4.35 + 635.04 + 0.25},
-                                                                  {"expanded", 4.0 * 641.3775}}) {
+                                                                  {"expanded", kK * kK * 641.3775}}) {
     EXPECT_NEAR(predicted["budget"][part], std::sqrt(square), 1e-12) << part;
   }
   predicted.erase("budget");

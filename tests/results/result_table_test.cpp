@@ -151,6 +151,9 @@ struct Made {
 };
 
 constexpr const char* kTable = R"(Trusted. Calibration of 6 configurations, 12 points, 3 parameters.
+A new point lies within 0.30 mm (k = 2.5) in compensated programs or with the
+    URDF, 3.02 mm as the robot is (by the fitted rows, which is too good:
+    nothing was left out).
 
 position error, rms [mm]       nominal  calibrated                points
 fitted                           1.200       0.120                    12

@@ -91,7 +91,7 @@ std::string edited_and_hashed(const Edit& edit) {
 std::string of_first_version(const Edit& edit) {
   return edited([&](Json& json) {
     json["software"]["version"] = "0.1.0";
-    for (const char* later : {"hashes", "remarks", "detectable", "assumed", "undetermined"}) {
+    for (const char* later : {"hashes", "remarks", "detectable", "assumed", "undetermined", "new_point"}) {
       json.erase(later);
     }
     edit(json);

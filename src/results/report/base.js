@@ -72,6 +72,11 @@ const CONFIGURATIONS = MEASURED ? MEASURED.configurations : DATA.configurations 
 const JOINTS = DATA.robot ? DATA.robot.joints : [];
 // As people know them: the controller's with a joint convention, else those of the URDF.
 const SHOWN_JOINTS = (MEASURED || DATA).joints || JOINTS;
+// The controller's joint that is this one of the URDF alone: {joint, factor, constant}, value = factor * urdf + constant.
+function shownAs(joint) {
+  const own = joint && SHOWN_JOINTS.find((shown) => shown.urdf && Object.keys(shown.urdf).length === 1 && joint.name in shown.urdf);
+  return own ? { joint: own, factor: own.urdf[joint.name], constant: own.constant || 0 } : { joint, factor: 1, constant: 0 };
+}
 const shownValues = (configuration) => configuration.controller || configuration.joint_values;
 // The robot as it is: of a validation it is not known whether it was calibrated.
 const NOW = DATA.kind === "validation" ? "error" : "calibrated";
@@ -159,7 +164,7 @@ function table(headings, rows, attributes) {
     const cells = Array.isArray(row) ? row : row.cells;
     return el("tr", Array.isArray(row) ? {} : row.attributes, cells.map((value, column) => cell("td", value, column)));
   });
-  return el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": (attributes && attributes.label) || "Table" },
+  return el("div", { class: rows.length <= 14 ? "scroll whole" : "scroll", tabindex: "0", role: "group", "aria-label": (attributes && attributes.label) || "Table" },
     el("table", attributes && attributes.class ? { class: attributes.class } : {},
       el("thead", {}, el("tr", {}, headings.map((heading, column) => cell("th", heading.trim(), column)))), el("tbody", {}, body)));
 }

@@ -46,6 +46,10 @@ function framesAt(robot, q) {
   frames.push(times(frames[frames.length - 1], robot.tip_correction));
   return frames;
 }
+// Places are shown in the controller's world with a joint convention, else in the base frame.
+const WORLD = (MEASURED && MEASURED.world) || IDENTITY;
+const PLACES = MEASURED && MEASURED.world ? "the controller's world frame" : "the base frame";
+const TO_WORLD = inverse(WORLD);
 // What the arm is driven by: the commanded values, and what effects make of them.
 const drivenBy = (configuration) => configuration.effective || configuration.joint_values;
 // Where a target is expected, in the frame of the measuring device [m].

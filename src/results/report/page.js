@@ -3,6 +3,7 @@
 const PAGES = {
   calibration: { title: "Calibration report", sections: [
     ["verdict", "Verdict", calibrationVerdict], ["provenance", "Provenance", provenance], ["accuracy", "Accuracy", accuracy],
+    ["enter", "Enter this on the controller", enterThis, "Enter this"],
     ["robot", "The robot in 3D", robotInSpace, "3D"], ["residuals", "Residuals", residuals], ["parameters", "Parameters", parameters],
     ["effects", "Effects beyond geometry", effects, "Effects"], ["influence", "Influence and convergence", influence, "Influence"],
     ["next", "What to measure next", next, "Next"]] },
@@ -26,6 +27,22 @@ function saveJson() {
   const link = el("a", { download: (DATA.kind || "report") + ".json", href: URL.createObjectURL(new Blob([JSON.stringify(DATA, null, 2)], { type: "application/json" })) });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+// The foot of every printed page, its paper if that is stated, and folded lists opened.
+function preparePrinting(name) {
+  const quoted = (text) => '"' + Array.from(text, (c) => (/[\w ,.()-]/.test(c) ? c : `\\${c.codePointAt(0).toString(16)} `)).join("") + '"';
+  const foot = "font: 8.5pt sans-serif; color: #5d6670;";
+  document.head.append(el("style", {}, `@page { ${DATA.paper ? `size: ${DATA.paper};` : ""}
+    @bottom-left { content: ${quoted(name)}; ${foot} } @bottom-right { content: "page " counter(page) " of " counter(pages); ${foot} } }`));
+  const opened = [];
+  addEventListener("beforeprint", () => {
+    for (const list of document.querySelectorAll("details:not([open])")) {
+      list.open = true;
+      opened.push(list);
+    }
+  });
+  addEventListener("afterprint", () => { for (const list of opened.splice(0)) list.open = false; });
 }
 
 function start() {
@@ -57,9 +74,10 @@ function start() {
   contents.append(list);
   const software = RESULT.software || DATA.software || {};
   document.getElementById("end").append(el("div", { class: "inner" },
-    el("div", { class: "signature" }, ["Date", "Name", "Signature"].map((line) => el("span", {}, line))),
     el("p", {}, `${software.name || "kdl_calibration"} ${software.version || ""}. Lengths in millimetres, angles in degrees, unless stated. `,
-      "In a chart that has the focus the arrow keys name one point after the other, Enter chooses its configuration. This file holds all it shows and loads nothing.")));
+      "In a chart that has the focus the arrow keys name one point after the other, Enter chooses its configuration. This file holds all it shows and loads nothing."),
+    el("div", { class: "signature" }, ["Date", "Name", "Signature"].map((line) => el("span", {}, line)))));
+  preparePrinting([page.title, subject, serial ? `serial ${serial}` : null].filter(Boolean).map((text) => cut(text, 60)).join(", "));
   select(CONFIGURATIONS.length ? 0 : -1);
 }
 window.kdlcal = { data: DATA, points: POINTS, predictedPoint, framesAt, moved, select, selected: SELECTED };

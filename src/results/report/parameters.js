@@ -39,6 +39,11 @@ function parameterRows(list) {
       attributes: { class: p.gauge ? "gauge" : WEAK.has(p.name) ? "weak" : null } };
   });
 }
+// A joint of the URDF, with the controller's name of it.
+function groupName(name) {
+  const shown = shownAs(JOINTS.find((joint) => joint.name === name));
+  return shown.joint && shown.joint.urdf ? el("span", {}, named(shown.joint.name, 30), " (", named(name, 60), ")") : named(name, 60);
+}
 function parameterTables() {
   const groups = new Map();
   const add = (key, p) => groups.set(key, [...(groups.get(key) || []), p]);
@@ -50,7 +55,7 @@ function parameterTables() {
   }
   if (!groups.size) return missing("No geometric error was estimated.");
   const headings = ["parameter", "what it is", " error", " 95 %", "unit", "about nominal", "remark"];
-  const rows = Array.from(groups, ([joint, list]) => [{ cells: [named(joint, 60)], attributes: { class: "grouphead" } }, ...parameterRows(list)]).flat();
+  const rows = Array.from(groups, ([joint, list]) => [{ cells: [groupName(joint)], attributes: { class: "grouphead" } }, ...parameterRows(list)]).flat();
   const whole = table(headings, rows, { label: "Parameters", class: "parameters" });
   for (const head of whole.querySelectorAll("tr.grouphead td")) head.colSpan = headings.length;
   return whole;
@@ -89,28 +94,53 @@ function heatMap(block) {
   });
 }
 
-// For mastering: what the controller's display should be corrected by.
-function mastering() {
+// For mastering: what a controller's display is to grow by, in the steps of a pendant.
+const STEP = { "°": 3, mm: 3 };
+function offsetOf(offset) {
+  const { unit, factor, decimals } = offset.unit === "m" ? { unit: "mm", factor: 1e3, decimals: 4 } : { unit: "°", factor: 1 / DEGREE, decimals: 5 };
+  return { unit, decimals, of: (value) => value * factor, entry: fixed(offset.add * factor, STEP[unit]),
+    half: offset.interval_95 && offset.std !== 0 ? ((offset.interval_95[1] - offset.interval_95[0]) / 2) * factor : null };
+}
+const HOW_TO_ENTER = [
+  ["FANUC", "SYSTEM, Master/Cal, Single axis master: jog the joint to 0.000 and enter the number as its mastering position (MSTR POS). By counts: the display grows if the mastering count falls, by the number times the counts per degree of the axis."],
+  ["ABB", "Jog the joint until its display reads minus the number, then Fine calibration of this joint alone, if its calibration position is 0."],
+  ["KUKA", "Add the number to $MAMES of the axis, then master it as before, at the same mark and with the same load."],
+  ["Universal Robots", "Leave the zeros alone: kdlcal export --format ur-yaml writes the geometry with the offsets in it."],
+];
+function enterThis() {
   const offsets = RESULT.joint_offsets;
-  if (!offsets || !RESULT.trusted) return null;
+  if (!offsets) return missing("This needs the controller's joints: calibrate with --joint-convention.");
+  if (!RESULT.trusted) return missing("Enter nothing: the calibration is not to be trusted.");
+  const entered = RESULT.mastering_entered;
+  const alone = offsets.joints.some((offset) => offset.add_if_only_these !== undefined);
   const rows = offsets.joints.map((offset) => {
-    const { unit, factor, decimals } = offset.unit === "m" ? { unit: "mm", factor: 1e3, decimals: 4 } : { unit: "°", factor: 1 / DEGREE, decimals: 5 };
-    if (!offset.measurable) return [named(offset.joint, 24), null, null, null, "", "not measurable: base or targets take it up"];
-    const half = offset.interval_95 ? "± " + fixed(((offset.interval_95[1] - offset.interval_95[0]) / 2) * factor, decimals) : null;
-    return [named(offset.joint, 24), fixed(offset.add * factor, decimals), offset.std === 0 ? null : half, offset.add_if_only_these === undefined ? null : fixed(offset.add_if_only_these * factor, decimals), unit, offset.std === 0 ? "held" : ""];
+    const { unit, decimals, of, entry, half } = offsetOf(offset);
+    const whole = [named(offset.joint, 24), el("strong", {}, entry), unit, of(offset.add), half, of(offset.add_if_only_these), offset.std === 0 ? "held" : ""];
+    const shown = offset.measurable ? whole.map((cell) => (typeof cell === "number" ? fixed(cell, decimals) : cell)) : [named(offset.joint, 24), null, "", null, null, null, "leave it: base or targets take it up"];
+    if (half !== null && offset.measurable) shown[4] = "± " + shown[4];
+    if (!alone) shown.splice(5, 1);
+    return shown;
   });
-  return [el("h3", {}, "Joint zero offsets, for mastering"),
-    table(["controller's joint", " add to the displayed value", " 95 %", " if only these", "unit", ""], rows, { label: "Joint zero offsets" }),
-    note(offsets.if_only_these ? `With only these corrected (column “if only these”) ${mm(offsets.if_only_these.rms)} mm RMS would be left at the fitted points. ` : null,
-      ((RESULT.effects || {}).terms || []).length ? "The first column includes the mean of the effects of each joint. " : null,
-      "The calibrated URDF contains the first column already: correct either the mastering or the URDF.")];
+  const headings = ["controller's joint", " enter first", "", " exactly", " 95 %", " if nothing else is corrected", ""];
+  if (!alone) headings.splice(5, 1);
+  const lines = offsets.joints.filter((offset) => offset.measurable && offset.std !== 0).map((offset) => `${offset.joint},${offsetOf(offset).entry.replace("−", "-")},${offsetOf(offset).unit === "mm" ? "mm" : "deg"}`);
+  const csv = ["joint,added,unit", ...lines].join("\n");
+  return [
+    entered ? note(`Already entered: ${entered.joints.map((joint) => joint.joint).join(", ")}. The table shows the rest, which the result still corrects.`) : null,
+    table(headings, rows, { label: "Joint zero offsets", class: "enter" }),
+    note("The display of a joint that stands still grows by the number of the column “enter first”. Check this on the display, and move with care: targets that were taught shift as well. Without an entry, programs that are compensated and the calibrated URDF correct the same offsets: enter nothing, or enter and apply."),
+    el("ol", { class: "steps" }, el("li", {}, "Enter the column “enter first”. Keep what you really entered as a file, such as entered.csv:", el("div", { class: "command" }, el("code", {}, csv), copyButton(csv))),
+      el("li", {}, "Make result and URDF those of the robot after the entry:", DATA.apply_command ? el("div", { class: "command" }, el("code", {}, DATA.apply_command), copyButton(DATA.apply_command)) : " kdlcal apply"),
+      el("li", {}, "Measure a few points and check them with kdlcal validate and the new result.")),
+    el("h3", {}, "How to enter it"), facts(HOW_TO_ENTER),
+    note(offsets.if_only_these ? `If neither compensated programs nor the URDF are used, enter the column “if nothing else is corrected” instead: ${mm(offsets.if_only_these.rms)} mm RMS would be left at the fitted points. ` : null,
+      ((RESULT.effects || {}).terms || []).length ? "“Enter first” includes the mean of the effects of each joint." : null)];
 }
 
 function parameters() {
   const weak = (RESULT.weak || []).map((names) => names.join(", "));
   const fixedByGauge = RESULT.fixed_by_gauge || [];
   return [
-    mastering(),
     el("h3", {}, "Geometric errors"),
     note("Bars show the 95 % interval about the nominal value, on one scale for all lengths and one for all angles of a group. “Weak” belongs to a combination that the measurements hardly determine; “gauge” was held because no measurement can tell it."),
     parameterTables(),
@@ -122,12 +152,14 @@ function parameters() {
 
 function effectFigure(entry) {
   const joint = JOINTS[entry.joint_index];
+  const shown = shownAs(joint);
   const across = entry.about === "own" ? "" : `, ${entry.about} across its axis`;
   const length = isLinear(joint) && !across;
-  const unit = length ? 1e3 : 1 / DEGREE;
-  const points = entry.curve.map(([q, value, half]) => [jointValue(joint, q), value === null ? NaN : value * unit, half === null ? null : half * unit]);
-  return lines({ title: `${entry.group} of ${cut(joint.name, 20)}${across}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180,
-    xLabel: `${cut(joint.name, 20)}${MEASURED.joints[0].urdf ? ", in the URDF" : ""} [${jointUnit(joint)}]`, yLabel: `[${length ? "mm" : "°"}]` },
+  const unit = (length ? 1e3 : 1 / DEGREE) * (across ? 1 : shown.factor);
+  const points = entry.curve.map(([q, value, half]) => [jointValue(joint, shown.factor * q + shown.constant), value === null ? NaN : value * unit, half === null ? null : half * Math.abs(unit)]);
+  const name = cut(shown.joint.name, 20) + (SHOWN_JOINTS !== JOINTS && SHOWN_JOINTS.some((other) => other.urdf) && shown.joint === joint ? ", in the URDF" : "");
+  return lines({ title: `${entry.group} of ${cut(shown.joint.name, 20)}${across}`, caption: `${entry.terms} ${entry.terms === 1 ? "term" : "terms"}, the other joints at their middle`, height: 180,
+    xLabel: `${name} [${jointUnit(joint)}]`, yLabel: `[${length ? "mm" : "°"}]` },
   [{ kind: "after", text: points.some((p) => p[2] !== null) ? "with its 95 % band" : "estimate", points, smooth: true }]);
 }
 // The models that were compared, the chosen one first.
@@ -152,7 +184,7 @@ function effects() {
     curves.length ? el("div", { class: "plots small" }, curves.slice(0, 36).map(effectFigure)) : null,
     triedTable(),
     explained.length ? [el("h3", {}, "What a function of each joint would still explain"), table(["joint", " share of the residuals [%]"],
-      explained.map((share, j) => [JOINTS[j] ? named(JOINTS[j].name, 30) : `joint ${j + 1}`, fixed(share * 100, 1)]), { label: "Explained by joints" })] : null,
+      explained.map((share, j) => [JOINTS[j] ? named(shownAs(JOINTS[j]).joint.name, 30) : `joint ${j + 1}`, fixed(share * 100, 1)]), { label: "Explained by joints" })] : null,
   ];
 }
 
@@ -211,9 +243,9 @@ function next() {
   const predicted = RESULT.predicted_accuracy || {};
   const cells = (predicted.cells || []).filter((cell) => Number.isFinite(cell.mean)).sort((a, b) => b.mean - a.mean);
   return [
-    cells.length ? [note("Where a point is predicted least certainly. Configurations chosen by the command below help there."),
+    cells.length ? [note(`Where a point is predicted least certainly, in ${PLACES}. Configurations chosen by the command below help there.`),
       table([" x [m]", " y [m]", " z [m]", " mean 1 σ [mm]", " largest [mm]", " configurations"],
-        cells.slice(0, 10).map((cell) => [...cell.centre.map((v) => fixed(v, 2)), mm(cell.mean), mm(cell.max), String(cell.count)]), { label: "Least certain cells" })]
+        cells.slice(0, 10).map((cell) => [...moved(TO_WORLD, cell.centre).map((v) => fixed(v, 2)), mm(cell.mean), mm(cell.max), String(cell.count)]), { label: "Least certain cells" })]
       : missing("The result has no predicted accuracy over the workspace."),
     DATA.plan_command ? el("div", { class: "command" }, el("code", {}, DATA.plan_command), copyButton(DATA.plan_command)) : missing("The command needs the names of the files, which this page does not have."),
   ];

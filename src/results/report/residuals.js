@@ -33,10 +33,10 @@ function normalQuantile(p) {
   return (along(a, r) * q) / (along(b, r) * r + 1);
 }
 
-const COMPONENTS = [["x", "along x of the base"], ["y", "along y of the base"], ["z", "along z of the base"]];
-const IN_BASE = () => {
-  const X_BW = inverse(DATA.robot.base);
-  return POINTS.map((point) => turned(X_BW, point.residual).map((v) => v * 1e3));
+const COMPONENTS = ["x", "y", "z"].map((axis) => [axis, `along ${axis} of ${PLACES}`]);
+const IN_PLACES = () => {
+  const X_KW = times(TO_WORLD, inverse(DATA.robot.base));
+  return POINTS.map((point) => turned(X_KW, point.residual).map((v) => v * 1e3));
 };
 
 // Component `axis` of the residuals against one joint, with the first harmonic fitted to it, or a line.
@@ -59,7 +59,7 @@ function againstJoint(joint, j, axis, residuals, y) {
 }
 
 function jointResiduals() {
-  const residuals = IN_BASE();
+  const residuals = IN_PLACES();
   const holder = el("div", { class: "plots small" });
   const show = (axis) => {
     const y = Object.assign(spread(residuals.map((r) => r[axis]).concat([0])), { label: `${COMPONENTS[axis][0]} [mm]` });

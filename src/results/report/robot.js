@@ -26,9 +26,10 @@ function slider(view) {
   return el("label", { class: "slider" }, range, output);
 }
 
-// So that the usual error is drawn as a twentieth of the scene, in steps of 1, 2 and 5.
-function usualExaggeration(view, usual) {
-  const wanted = (0.07 * view.radius) / usual;
+// So that both errors show, in steps of 1, 2 and 5: the larger is drawn as a twentieth of the scene, or so large that the
+// smaller can be seen, as long as the larger stays within the scene.
+function usualExaggeration(view, large, small) {
+  const wanted = Math.max((0.07 * view.radius) / large, small > 0 ? Math.min((0.012 * view.radius) / small, view.radius / large) : 0);
   const power = Math.pow(10, Math.floor(Math.log10(wanted)));
   return Math.max(1, Math.min(1e5, [5, 2, 1].map((f) => f * power).find((v) => v <= wanted) || power));
 }
@@ -39,9 +40,8 @@ function viewer(scene, layers, extra) {
   const view = new View(canvas, scene);
   const sizes = (kind) => scene.points.flatMap((p) => (p.arrows || []).filter((a) => a.kind === kind).map((a) => norm(a.vector)));
   const [before, after] = [rms(sizes("before")) || 0, rms(sizes("after")) || 0];
-  const apart = before > 25 * after && after > 0;  // no scale shows both
-  view.exaggeration = usualExaggeration(view, (apart ? after : Math.max(before, after)) || 1e-3);
-  for (const [layer, , , shown] of layers) view.layers[layer] = shown !== false && !(apart && layer === "before");
+  view.exaggeration = usualExaggeration(view, Math.max(before, after) || 1e-3, Math.min(before || after, after || before));
+  for (const [layer, , , shown] of layers) view.layers[layer] = shown !== false;
   const chosen = el("p", { class: "chosen", "aria-live": "polite" });
   FOLLOWERS.push(() => {
     const configuration = scene.configurations[SELECTED.c];
@@ -86,7 +86,7 @@ function robotInSpace() {
   const cells = (RESULT.predicted_accuracy || {}).cells || [];
   const scene = MEASURED ? measuredScene(cells) : { robot: DATA.robot, configurations: [], points: [], cells, cell: (RESULT.predicted_accuracy || {}).cell };
   const layers = [["robot", "robot", null], ["points", "points", null]];
-  if (POINTS.some((p) => p.before)) layers.push(["before", "nominal", "before"]);
+  if (POINTS.some((p) => p.before)) layers.push(["before", "nominal, base and tool registered to all points", "before"]);
   if (POINTS.length) layers.push(["after", NOW, "after"]);
   if (POINTS.some((p) => p.heldOutResidual)) layers.push(["held", "left out", "held"]);
   if (cells.length) layers.push(["cells", "predicted accuracy", "cells", false]);

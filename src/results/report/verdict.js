@@ -15,17 +15,11 @@ function tile(title, value, others, why) {
     known.length ? [bar(known[0][1], "before"), bar(value, "after"), el("p", { class: "was" }, known.map(([name, other]) => el("span", {}, `${name} ${mm(other)} mm `)))] : null,
     el("p", { class: "why" }, why));
 }
-function errorTile(title, pair, figure, why) {
-  return tile(title, pair.after[figure], [["nominal", (pair.before || {})[figure]], ["URDF alone", (pair.exported_urdf || {})[figure]]], why);
-}
-// Every repeat by itself, and their means.
-const pointsAndMeans = (count, means) => plural(count, "point") + (means ? `; ${mm(means.rms)} mm for the ${plural(means.count, "mean")} of repeats` : "");
-
 // "good", "bad", or "plain" where nothing was asked that could be answered so.
-function verdictBanner(kind, title, text) {
+function verdictBanner(kind, title, text, more) {
   const sign = kind === "plain" ? null : svg("svg", { viewBox: "0 0 24 24", class: "sign", "aria-hidden": "true" },
     svg("path", { d: kind === "good" ? "M5 12.5l4.6 4.6L19 7.4" : "M12 6v8M12 17.6v.4" }));
-  return el("div", { class: "verdict " + kind }, sign, el("div", {}, el("p", { class: "headline" }, title), el("p", {}, text)));
+  return el("div", { class: "verdict " + kind }, sign, el("div", {}, el("p", { class: "headline" }, title), more || null, text ? el("p", {}, text) : null));
 }
 
 // Where it holds: each joint's measured range within its limits.
@@ -58,7 +52,7 @@ function regionText() {
   const region = MEASURED && MEASURED.region;
   if (!region) return null;
   const span = (i) => `${"xyz"[i]} ${fixed(region.lower[i], 2)} to ${fixed(region.upper[i], 2)} m`;
-  return `${[0, 1, 2].map(span).join(", ")} in the base frame`;
+  return `${[0, 1, 2].map(span).join(", ")} in ${PLACES}`;
 }
 function noteOf(...keys) {
   const notes = (RESULT.provenance && RESULT.provenance.notes) || {};
@@ -69,7 +63,7 @@ function noteOf(...keys) {
 function messages(title, list, kind) {
   if (!list.length) return null;
   const most = 200;
-  return el("div", { class: "messages " + kind }, el("h3", {}, title),
+  return el("div", { class: "messages " + kind }, title ? el("h3", {}, title) : null,
     el("ul", {}, list.slice(0, most).map((text) => el("li", { dir: "auto" }, text))),
     list.length > most ? note(`The first ${most} of ${list.length}.`) : null);
 }
@@ -82,33 +76,73 @@ function requirementsTable(requirements) {
   { label: "Requirements", class: "requirements" }) : null;
 }
 
+// The accuracy in one sentence, and where its numbers come from.
+const NEW_POINT = RESULT.new_point || null;
+const millimetres = (value) => `${fixed(value * 1e3, value < 1e-4 ? 3 : 2)} mm`;
+function robotsOf(stated) {
+  const same = stated.urdf_alone === stated.compensated;
+  return [["as the robot is", stated.nominal, "before"], same ? null : ["with the URDF alone", stated.urdf_alone, "held"],
+    [same ? "in compensated programs or with the URDF" : "in compensated programs", stated.compensated, "after"]].filter(Boolean);
+}
+function statement() {
+  if (!NEW_POINT || !RESULT.trusted) return null;
+  const [first, ...others] = robotsOf(NEW_POINT).reverse();
+  return el("p", { class: "statement" }, `A new ${NEW_POINT.of_coordinates ? "coordinate or distance" : "point"} lies within `,
+    el("strong", {}, millimetres(first[1])), ` (k = ${short(NEW_POINT.coverage_factor, 2)}) ${first[0]}`,
+    others.map(([name, value]) => ["; ", el("strong", {}, millimetres(value)), ` ${name}`]), ".");
+}
+function beforeAndAfter() {
+  if (!NEW_POINT) return null;
+  const robots = robotsOf(NEW_POINT);
+  const most = Math.max(...robots.map(([, value]) => value)) || 1;
+  const rms = 100 / NEW_POINT.coverage_factor;
+  const bar = (value, kind) => svg("svg", { class: "bar", viewBox: "0 0 100 10", preserveAspectRatio: "none", "aria-hidden": "true" },
+    svg("rect", { class: kind + " expanded", x: 0, y: 0, height: 10, width: Math.max(0.4, (100 * value) / most) }),
+    svg("rect", { class: kind, x: 0, y: 0, height: 10, width: Math.max(0.2, (rms * value) / most) }));
+  const rows = { left_out: "configurations, each predicted by a fit to the others", test: "configurations of test rows", fitted: "fitted configurations, which is too good: nothing was left out" }[NEW_POINT.rows];
+  return el("figure", { class: "arms" },
+    el("dl", {}, robots.map(([name, value, kind]) => [el("dt", {}, name), el("dd", {}, bar(value, kind), el("span", { class: "value" }, millimetres(value)))])),
+    el("figcaption", {}, `Dark: RMS error. Light: ${short(NEW_POINT.coverage_factor, 2)} times as much (95 %). ${NEW_POINT.configurations} ${rows}; base and tool registered to the same rows for each robot${shareWithin()}.`));
+}
+// How many left-out points the sentence is true of.
+function shareWithin() {
+  const left = (RESULT.held_out_points || []).map((point) => point.distance).filter(Number.isFinite);
+  if (!left.length || NEW_POINT.rows !== "left_out") return "";
+  return `. ${left.filter((distance) => distance <= NEW_POINT.compensated).length} of ${plural(left.length, "left-out point")} are within ${millimetres(NEW_POINT.compensated)} of the compensated robot`;
+}
+
+// At most three doubts, findings and warnings, with what to do; the others are folded.
+function remarksOfResult() {
+  const cures = DATA.cures || {};
+  const remarks = RESULT.remarks || [];
+  const withCure = (doubt) => doubt.message + (cures[doubt.cause] ? ` (${cures[doubt.cause]})` : "");
+  const warnings = (RESULT.warnings || []).map((text, i) => ({ text, information: (remarks[i] || {}).information === true }));
+  const grave = [...(RESULT.doubts || []).map(withCure), ...(RESULT.findings || []).map((finding) => finding.message),
+    ...warnings.filter((warning) => !warning.information).map((warning) => warning.text)];
+  const notes = warnings.filter((warning) => warning.information).map((warning) => warning.text);
+  const most = 3;
+  const folded = (title, list, kind) => (list.length ? el("details", { class: "remarks" }, el("summary", {}, title), messages(null, list, kind)) : null);
+  return [messages(RESULT.trusted ? "Look at" : "Doubts", grave.slice(0, most), RESULT.trusted ? "warn" : "bad"),
+    folded(`${plural(grave.length - most, "more remark")}`, grave.slice(most), "warn"), folded("How the measurements were read", notes, "plain")];
+}
+
 function calibrationVerdict() {
-  const doubts = (RESULT.doubts || []).map((doubt) => doubt.message);
-  const tiles = [];
-  if (HELD_OUT && HELD_OUT.after) {
-    const name = ERRORS.leave_one_out ? "Left out" : folds();
-    tiles.push(errorTile(`${name}, RMS`, HELD_OUT, "rms", ERRORS.leave_one_out ? "each configuration predicted from the others" : "each fold of configurations predicted from the others"),
-      errorTile(`${name}, maximum`, HELD_OUT, "max", `of ${plural(HELD_OUT.after.count, "point")}`));
-  }
-  for (const [name, pair, why] of [["Test", ERRORS.test, "that were not fitted"], ["Fitted", ERRORS.train, ""]]) {
-    if (pair && pair.after) tiles.push(errorTile(`${name}, RMS`, pair, "rms", [pointsAndMeans(pair.after.count, (pair.means || {}).after), why].filter(Boolean).join(" ")));
-  }
   const payload = noteOf("payload", "load");
   const requirements = RESULT.requirements || [];
   const missed = requirements.filter((requirement) => !requirement.fulfilled);
+  const doubts = RESULT.doubts || [];
+  const cure = RESULT.reservation ? (DATA.cures || {})[RESULT.reservation.cause] : null;
   return [
     verdictBanner(RESULT.trusted && !missed.length ? "good" : "bad",
       !RESULT.trusted ? "Not to be trusted" : missed.length ? "Not as required" : RESULT.reservation ? "To be trusted where it was measured" : "To be trusted",
-      RESULT.reservation ? RESULT.reservation.message : RESULT.trusted ? "The fit converged, everything in it is determined, and it predicts configurations that it has not seen better than the nominal robot does."
-        : `${plural(doubts.length, "reason")} against using this calibration as it stands:`),
-    messages("Doubts", doubts, "bad"), requirementsTable(requirements),
-    el("div", { class: "tiles" }, tiles),
+      RESULT.reservation ? RESULT.reservation.message + (cure ? ` (${cure})` : "") : RESULT.trusted ? null
+        : `${plural(doubts.length, "reason")} against using this calibration as it stands:`, statement()),
+    requirementsTable(requirements),
+    RESULT.trusted ? [beforeAndAfter(), remarksOfResult()] : [remarksOfResult(), beforeAndAfter()],
     HELD_OUT ? null : missing("Nothing was left out, so nothing is known of configurations that were not measured."),
     el("h3", {}, "Where it holds"), jointRanges(),
     el("dl", { class: "facts" }, ...[["region", regionText()], ["payload", payload || "not stated: it holds for the one that was on the arm"]]
       .filter(([, value]) => value).map(([key, value]) => [el("dt", {}, key), el("dd", { dir: "auto" }, value)])),
-    messages("Warnings", RESULT.warnings || [], "warn"),
-    messages("Findings in the measurements", (RESULT.findings || []).map((finding) => finding.message), "warn"),
   ];
 }
 
@@ -118,24 +152,28 @@ function facts(list) {
 }
 function filesTable(files) {
   if (!files.length) return null;
-  return table(["file", "name and SHA-256"], files.map((file) => [file.role, el("span", {}, named(file.path, 400), el("code", { class: "hash" }, file.sha256.match(/.{1,16}/g).map((part) => [part, el("wbr")])))]),
+  return table(["file", "name and SHA-256"], files.map((file) => [file.role, el("span", {}, file.path ? named(file.path, 400) : null, el("code", { class: "hash" }, file.sha256.match(/.{1,16}/g).map((part) => [part, el("wbr")])))]),
     { label: "Files", class: "files" });
 }
 function notesFacts() {
   const notes = Object.entries((RESULT.provenance && RESULT.provenance.notes) || {});
   return notes.length ? facts(notes.map(([key, value]) => [key, String(value)])) : note("No serial number, operator, device, temperature or payload was stated.");
 }
+// A date that was stated, or a line to write it on.
+const dateOf = (...keys) => noteOf(...keys) || el("span", { class: "blank" }, "not stated");
 function provenance() {
   const input = RESULT.input || {};
   const software = RESULT.software || DATA.software || {};
   const priors = RESULT.priors || {};
   const held = [priors.length > 0 ? `lengths ${mm(priors.length)} mm` : null, priors.angle > 0 ? `angles ${short(priors.angle * 1e3)} mrad` : null].filter(Boolean);
-  const files = RESULT.provenance ? [...(RESULT.provenance.files_read || []), ...(RESULT.provenance.files_written || [])] : [];
+  const written = DATA.sha256 ? [{ role: "this result", path: "", sha256: DATA.sha256 }] : [];
+  const files = RESULT.provenance ? [...written, ...(RESULT.provenance.files_read || []), ...(RESULT.provenance.files_written || [])] : [];
   return [
     el("div", { class: "columns" },
       el("div", {}, el("h3", {}, "Robot and measurement"),
         facts([["robot", DATA.robot ? named(DATA.robot.name, 80) : null], ["from", input.base ? el("span", {}, named(input.base, 40), " to ", named(input.tip, 40)) : null],
-          ["configurations", input.configurations], ["measured points", input.observations]]), RESULT.termination ? notesFacts() : null),
+          ["configurations", input.configurations], ["measured points", input.observations],
+          ...(RESULT.termination ? [["measured on", dateOf("measured", "date")], ["calibrated on", dateOf("calibrated")]] : [])]), RESULT.termination ? notesFacts() : null),
       el("div", {}, el("h3", {}, "How it was calculated"),
         facts([["software", software.name ? `${software.name} ${software.version}` : null],
           ["estimator", input.method], ["parameters", input.model], ["priors", !RESULT.priors ? null : held.length ? held.join(", ") : "none"],
@@ -183,17 +221,25 @@ function distributions(train, test) {
 function budgetTable() {
   const budget = (RESULT.predicted_accuracy || {}).budget;
   if (!budget) return null;
+  const k = budget.coverage_factor || 2;
+  const stated = RESULT.noise && RESULT.noise.model === "stated";
   const share = (value) => (budget.total ? fixed((100 * value * value) / (budget.total * budget.total), 1) : null);
-  const parts = [["single point", budget.of_point], ["repeat: shared by its points", budget.of_repeat], ["misfit of the model", budget.of_misfit],
-    ["parameters, at left-out configurations", budget.of_parameters],
-    ["taken as true: scale, stated lengths", budget.of_assumptions]];
+  const parts = [["single point", stated ? "B" : "A", budget.of_point], ["repeat: shared by its points", stated ? "B" : "A", budget.of_repeat],
+    ["misfit of the model", "A", budget.of_misfit], ["parameters, at left-out configurations", "A", budget.of_parameters],
+    [`taken as true: scale of the device ${scaleOfDevice()}, stated lengths`, "B", budget.of_assumptions]];
+  const temperature = noteOf("temperature");
   return [el("h3", {}, "Uncertainty budget of a new measured point"),
-    table(["source", " 1 σ [mm]", " share [%]"], [...parts.map(([name, value]) => [name, mm(value), share(value)]),
-      { cells: ["total", mm(budget.total), share(budget.total)], attributes: { class: "is" } }, { cells: ["expanded, k = 2", mm(budget.expanded), ""], attributes: { class: "is" } }],
+    table(["source", "type", " 1 σ [mm]", " share [%]"], [...parts.map(([name, type, value]) => [name, type, mm(value), share(value)]),
+      { cells: ["total", "", mm(budget.total), share(budget.total)], attributes: { class: "is" } },
+      { cells: [`expanded, k = ${short(k, 3)} (95 %)`, "", mm(budget.expanded), ""], attributes: { class: "is" } }],
     { label: "Uncertainty budget", class: "budget" }),
-    assumptionsNote(budget), note("Of the distance in space, not of one coordinate. ", parts.some(([, value]) => value === 0) ? "A part of 0 is not seen, or contained in another one: to separate them takes repeats and several targets. " : null,
-      (RESULT.predicted_accuracy.workspace || {}).count ? `Over the whole workspace the parameters' part is ${mm(RESULT.predicted_accuracy.workspace.rms)} mm.` : null)];
+    assumptionsNote(budget), note("Type A: from the scatter of these measurements. Type B: stated. Of the distance in space, not of one coordinate. ",
+      Number.isFinite(budget.degrees_of_freedom) ? `k is Student's t for ${fixed(budget.degrees_of_freedom, 0)} degrees of freedom. ` : null,
+      parts.some(([, , value]) => value === 0) ? "A part of 0 is not seen, or contained in another one: to separate them takes repeats and several targets. " : null,
+      (RESULT.predicted_accuracy.workspace || {}).count ? `Over the whole workspace the parameters' part is ${mm(RESULT.predicted_accuracy.workspace.rms)} mm. ` : null,
+      temperature ? `Measured at ${temperature}; ` : "The temperature was not stated; ", "an arm that is warmer or colder is longer or shorter, which no part of this table contains.")];
 }
+const scaleOfDevice = () => (RESULT.assumed ? `(${Number((RESULT.assumed.scale_sigma * 1e6).toPrecision(3))} µm/m)` : "");
 function assumptionsNote(budget) {
   const assumed = RESULT.assumed;
   if (!assumed) return null;
@@ -213,11 +259,13 @@ function askedTable() {
   const asked = (RESULT.predicted_accuracy || {}).asked || [];
   if (!asked.length || !RESULT.trusted) return null;
   const row = (name, p, more, kind) => ({ cells: [name, ...p.map((v) => fixed(v * 1e3, 3)), ...more], attributes: { class: kind } });
-  const rows = asked.slice(0, MOST_ROWS).flatMap((point) => [
-    row(el("span", {}, named(point.configuration, 24), ", target ", named(point.target, 24), ", nominal"), point.position_nominal, ["", "", ""]),
-    row("calibrated", point.position, [mm(point.sigma), mm(point.radius_95), point.outside ? "outside" : ""], "is"),
-    row("difference", point.position.map((v, i) => v - point.position_nominal[i]), ["", "", ""], "last")]);
-  return [el("h3", {}, "Predicted points"), table(["in the base frame [mm]", " x", " y", " z", " 1 σ", " 95 %", ""], rows, { label: "Predicted points", class: "asked" }),
+  const rows = asked.slice(0, MOST_ROWS).flatMap((point) => {
+    const [nominal, calibrated] = [point.position_nominal, point.position].map((place) => moved(TO_WORLD, place));
+    return [row(el("span", {}, named(point.configuration, 24), ", target ", named(point.target, 24), ", nominal"), nominal, ["", "", ""]),
+      row("calibrated", calibrated, [mm(point.sigma), mm(point.radius_95), point.outside ? "outside" : ""], "is"),
+      row("difference", minus(calibrated, nominal), ["", "", ""], "last")];
+  });
+  return [el("h3", {}, "Predicted points"), table([`in ${PLACES} [mm]`, " x", " y", " z", " 1 σ", " 95 %", ""], rows, { label: "Predicted points", class: "asked" }),
     note("1 σ is of the parameters alone. A new measured point lies within the 95 % radius, misfit and noise included, unless it is outside: beyond the measured region this radius does not hold.",
       asked.length > MOST_ROWS ? ` The first ${MOST_ROWS} of ${asked.length} points.` : null)];
 }
@@ -231,7 +279,7 @@ function accuracy() {
     accuracyTable([...pairRows("Fitted", ERRORS.train), ...pairRows("Test", ERRORS.test), ["Test at fitted poses", ERRORS.test_at_fitted_poses], ["Test at new poses", ERRORS.test_at_new_poses],
       ...pairRows("Left out", ERRORS.leave_one_out), ["Left out, choices made anew", ERRORS.nested_leave_one_out, "is"], ...pairRows(folds(), ERRORS.k_fold),
       ["RP repeatability, fitted", (iso.after || {}).repeatability], ["RP repeatability, test", ((iso.test || {}).after || {}).repeatability]]),
-    accuracyNote(ERRORS.train && ERRORS.train.means, "“Nominal” has base and targets fitted to the same points. "),
+    accuracyNote(ERRORS.train && ERRORS.train.means, "Of the nominal robot base and targets are registered: to these same points where they were fitted, to the other configurations where they were left out. That error is the larger and honest one. "),
     distributions("fitted", "test"), budgetTable(), detectableTable(), askedTable(),
   ];
 }

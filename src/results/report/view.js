@@ -243,8 +243,10 @@ class View {
 
   trackerAndAxes() {
     const size = 0.13 * this.radius;
-    [["x", [size, 0, 0]], ["y", [0, size, 0]], ["z", [0, 0, size]]].forEach(([name, end]) => {
-      this.stroke([[0, 0, 0], end], "axis3d", 2);
+    const origin = moved(WORLD, [0, 0, 0]);
+    [["x", [size, 0, 0]], ["y", [0, size, 0]], ["z", [0, 0, size]]].forEach(([name, along]) => {
+      const end = moved(WORLD, along);
+      this.stroke([origin, end], "axis3d", 2);
       if (!this.layers.robot || !this.scene.robot) this.label(end, name, "quiet");
     });
     const tracker = this.scene.tracker;
