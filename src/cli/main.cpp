@@ -130,7 +130,7 @@ int run(int argc, const char* const* argv) {
   const std::vector<Subcommand> subcommands = {
       add_model(parser),    add_fk(parser),     add_jacobian(parser),   add_simulate(parser), add_calibrate(parser),
       add_validate(parser), add_plan(parser),   add_compensate(parser), add_frames(parser),   add_report(parser),
-      add_export(parser),   add_import(parser), add_compare(parser)};
+      add_export(parser),   add_import(parser), add_compare(parser),    add_apply(parser)};
   try {
     parser.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {

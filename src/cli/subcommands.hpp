@@ -25,6 +25,7 @@ Subcommand add_plan(CLI::App& parser);
 Subcommand add_compensate(CLI::App& parser);
 Subcommand add_frames(CLI::App& parser);
 Subcommand add_compare(CLI::App& parser);
+Subcommand add_apply(CLI::App& parser);
 Subcommand add_report(CLI::App& parser);
 Subcommand add_export(CLI::App& parser);
 Subcommand add_import(CLI::App& parser);
