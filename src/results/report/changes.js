@@ -1,11 +1,23 @@
 // What has changed: of a robot between two calibrations, and of a program that was compensated.
 
+// The notes of both results side by side; those that differ are marked.
+function notesTable() {
+  const { before = {}, after = {} } = RESULT.notes || {};
+  const keys = [...new Set([...Object.keys(before), ...Object.keys(after)])].sort();
+  return keys.length ? table(["note", "before", "after", ""], keys.map((key) => {
+    const differs = key in before && key in after && before[key] !== after[key];
+    return { cells: [named(key, 40), key in before ? named(before[key], 60) : null, key in after ? named(after[key], 60) : null, differs ? "differs" : ""], attributes: { class: differs ? "missed" : null } };
+  }), { label: "Notes", class: "notes" }) : note("Neither result has notes, such as a serial number.");
+}
+
 function comparisonVerdict() {
   const likely = RESULT.changed || RESULT.p_value < 0.05;
   return [
     verdictBanner(likely ? "bad" : "good",
       RESULT.changed ? "The robot has changed" : likely ? "The robot may have changed" : "No change found",
       `An unchanged robot gives a difference as large as this with probability ${RESULT.p_value ? short(RESULT.p_value, 2) : "0 (rounded)"} (χ² ${fixed(RESULT.chi_square, 1)} of ${fixed(RESULT.degrees_of_freedom, 0)} directions).`),
+    RESULT.advice ? el("p", {}, el("strong", {}, "What to do: "), RESULT.advice + ".") : null,
+    notesTable(),
     requirementsTable(DATA.requirements),
     el("div", { class: "tiles" },
       tile("Change of the flange, RMS", RESULT.flange.rms, [["of an unchanged robot", RESULT.flange.sigma]], `at ${plural(RESULT.flange.count, "pose")} that both measured, base and tool aligned`),
@@ -21,7 +33,7 @@ function changedParameters() {
   const rows = [...RESULT.parameters].sort((a, b) => excess(b) - excess(a)).map((p) => {
     const { unit, factor, decimals } = p.unit === "m" ? { unit: "mm", factor: 1e3, decimals: 4 } : { unit: "°", factor: 1 / DEGREE, decimals: 5 };
     const shown = (value) => (p.unit ? fixed(value * factor, decimals) : short(value));
-    return [named(p.name, 24), shown(p.before), shown(p.change), shown(p.std), p.unit ? unit : "SI", fixed(excess(p), 1), fixed(100 * p.explained, 0) + " %"];
+    return [el("span", {}, named(p.name, 24), p.joint ? [", ", named(p.joint, 24)] : null), shown(p.before), shown(p.change), shown(p.std), p.unit ? unit : "SI", fixed(excess(p), 1), fixed(100 * p.explained, 0) + " %"];
   });
   return [
     note("In the gauge of the earlier result. Several parameters can explain one change; what each of them explains alone is stated last."),
