@@ -15,6 +15,9 @@ function tile(title, value, others, why) {
     known.length ? [bar(known[0][1], "before"), bar(value, "after"), el("p", { class: "was" }, known.map(([name, other]) => el("span", {}, `${name} ${mm(other)} mm `)))] : null,
     el("p", { class: "why" }, why));
 }
+// Every repeat by itself, and their means.
+const pointsAndMeans = (count, means) => plural(count, "point") + (means ? `; ${mm(means.rms)} mm for the ${plural(means.count, "mean")} of repeats` : "");
+
 // "good", "bad", or "plain" where nothing was asked that could be answered so.
 function verdictBanner(kind, title, text, more) {
   const sign = kind === "plain" ? null : svg("svg", { viewBox: "0 0 24 24", class: "sign", "aria-hidden": "true" },
