@@ -3,8 +3,10 @@
 #include <fmt/core.h>
 #include <Eigen/Core>
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <optional>
+#include <set>
 #include <string_view>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/point_export.hpp"
+#include "measurements/stations.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
@@ -78,6 +81,18 @@ std::string pointless(double value) {
   return fmt::format("{}e{}", text, exponent);
 }
 
+// Names that a column of a joint may have, in lower case.
+std::set<std::string> names_of_joints(const Robot& robot, const JointConvention* convention) {
+  std::set<std::string> names;
+  for (const MovingJoint& joint : robot.joints) {
+    names.insert({lower_case(joint.name), lower_case(drive_of(joint).name)});
+  }
+  for (std::size_t i = 0; convention != nullptr && i < convention->controller_joints.size(); ++i) {
+    names.insert(lower_case(convention->controller_joints[i]));
+  }
+  return names;
+}
+
 // The cells in front of every row of a configuration: its label, then the values of the independent joints.
 std::map<std::string, std::string> heads_of(const Robot& robot, const Measurements& configurations, char separator) {
   const Eigen::MatrixXd values = independent_joint_values(robot.joints, configurations.joint_values);
@@ -102,25 +117,47 @@ std::string heading_of(const Robot& robot, char separator) {
   return head;
 }
 
+std::string meaning_of(std::string_view column) {
+  return lower_case(column_meaning(name_and_unit(trimmed(column)).first));
+}
+
 std::optional<std::size_t> column_of(std::string_view meaning, const Fields& heading) {
   for (std::size_t i = 0; i < heading.size(); ++i) {
-    if (lower_case(column_meaning(heading[i])) == meaning) {
+    if (meaning_of(heading[i]) == meaning) {
       return i;
     }
   }
   return std::nullopt;
 }
 
-std::string row_of(const Fields& cells, char separator, std::optional<std::size_t> left_out,
-                   std::optional<std::size_t> changed, const std::string& value) {
-  std::string row;
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    if (i != left_out) {
-      row += (i == (left_out == 0 ? 1 : 0) ? "" : std::string(1, separator)) +
-             (i == changed ? csv_field(value) : csv_cell(cells[i]));
-    }
+// What the file of joint values also says of its configurations: a heading, and the cell of each label.
+struct SharedColumn {
+  std::string name;
+  std::map<std::string, std::string> cells;
+};
+
+std::vector<SharedColumn> shared_columns(const Measurements& configurations) {
+  const std::vector<Observation>& rows = configurations.observations;
+  SharedColumn split{.name = "split", .cells = {}};
+  SharedColumn station{.name = "station", .cells = {}};
+  SharedColumn order{.name = "order", .cells = {}};
+  for (const Observation& o : rows) {
+    const std::string& label = configurations.configurations[static_cast<std::size_t>(o.configuration)];
+    split.cells.emplace(label, o.split == Split::test ? "test" : "train");
+    station.cells.emplace(label, configurations.stations[static_cast<std::size_t>(o.station)]);
+    order.cells.emplace(label, o.order ? std::to_string(*o.order) : "");
   }
-  return row + "\n";
+  std::vector<SharedColumn> result;
+  if (std::any_of(rows.begin(), rows.end(), [](const Observation& o) { return o.split == Split::test; })) {
+    result.push_back(std::move(split));
+  }
+  if (names_stations(configurations)) {
+    result.push_back(std::move(station));
+  }
+  if (rows.front().order) {
+    result.push_back(std::move(order));
+  }
+  return result;
 }
 
 std::string labels_in(const std::string& file, const Measurements& configurations) {
@@ -135,6 +172,8 @@ public:
   Joining(const Robot& robot, const JoinedFiles& files, const JointConvention* convention)
       : robot_(robot),
         files_(files),
+        convention_(convention),
+        joint_names_(names_of_joints(robot, convention)),
         configurations_(read_configurations(robot, files.joint_values, convention)),
         pattern_(files.names.empty() ? std::nullopt : std::optional<NamePattern>(files.names)),
         lines_(std::filesystem::path(files.points)) {}
@@ -153,6 +192,8 @@ public:
     return std::move(csv_);
   }
 
+  const Measurements& configurations() const { return configurations_; }
+
 private:
   // Reads the header; whether the line is a row as well, as an export states its columns in a comment.
   bool header_is_row(std::string_view line) {
@@ -167,11 +208,25 @@ private:
                                     : "expected a column 'configuration' beside --joints-file, or --point-names");
     }
     heads_ = heads_of(robot_, configurations_, separator_);
+    shared_ = shared_columns(configurations_);
     const bool is_row = stated && stated->before_first;
     if (is_row) {
       csv_.pop_back();  // the header takes the place of a comment
     }
-    csv_ += heading_of(robot_, separator_) + row_of(cells_, separator_, label_, name_, "target");
+    csv_ += heading_of(robot_, separator_);
+    in_front_.assign(cells_.size(), false);
+    for (const SharedColumn& column : shared_) {
+      csv_ += column.name + separator_;
+      own_.push_back(column_of(column.name, cells_));
+      if (own_.back()) {
+        in_front_[*own_.back()] = true;
+      }
+    }
+    if (label_) {
+      in_front_[*label_] = true;
+    }
+    pass_over_joints();
+    csv_ += row_of_points("target");
     return is_row;
   }
 
@@ -180,7 +235,7 @@ private:
     const bool units = is_unit_row(cells_);
     if (units || *name_ >= cells_.size() || (label_ && *label_ >= cells_.size())) {
       const std::size_t joints = independent_joints(robot_.joints).size();
-      csv_ += std::string(joints + 1, separator_) + row_of(cells_, separator_, label_, std::nullopt, {});
+      csv_ += std::string(joints + 1 + shared_.size(), separator_) + row_of_points(std::nullopt);
       return;
     }
     const std::optional<PointName> point =
@@ -195,15 +250,79 @@ private:
       fail(lines_.place(), "configuration " + shown(point->configuration) + " has no joint values, " +
                                labels_in(files_.joint_values, configurations_));
     }
-    csv_ += head->second + row_of(cells_, separator_, label_, name_, point->target);
+    csv_ += head->second;
+    for (std::size_t i = 0; i < shared_.size(); ++i) {
+      csv_ += csv_field(agreed_value(i, point->configuration)) + separator_;
+    }
+    csv_ += row_of_points(point->target);
+  }
+
+  // Joint values that the points' file has as well are not needed twice. Throws InputError if they differ.
+  void pass_over_joints() {
+    constexpr double kSamePose = 1e-4;  // [rad] or [m], as within a configuration
+    bool any = false;
+    for (std::size_t i = 0; i < cells_.size(); ++i) {
+      const bool is_joint = joint_names_.contains(meaning_of(cells_[i]));
+      in_front_[i] = in_front_[i] || is_joint;
+      any = any || is_joint;
+    }
+    if (!any) {
+      return;
+    }
+    if (!label_) {
+      fail(lines_.place(), "joint values beside --joints-file and --point-names: expected them in one of the files");
+    }
+    const Measurements own = read_configurations(robot_, files_.points, convention_);
+    for (std::size_t c = 0; c < own.configurations.size(); ++c) {
+      const auto& labels = configurations_.configurations;
+      const auto at = std::find(labels.begin(), labels.end(), own.configurations[c]) - labels.begin();
+      if (at < std::ssize(labels) &&
+          (own.joint_values.col(static_cast<Eigen::Index>(c)) - configurations_.joint_values.col(at))
+                  .cwiseAbs()
+                  .maxCoeff() > kSamePose) {
+        throw InputError(files_.points + ": joint values of configuration " + shown(own.configurations[c]) +
+                         " differ from those of " + files_.joint_values + ", expected the same");
+      }
+    }
+  }
+
+  // What the files say of a configuration in a column that both may have. An empty cell says nothing.
+  std::string agreed_value(std::size_t i, const std::string& configuration) const {
+    const auto& [name, cells] = shared_[i];
+    const std::string& stated = cells.at(configuration);
+    const std::string here(own_[i] && *own_[i] < cells_.size() ? name_in(trimmed(cells_[*own_[i]])) : "");
+    if (!here.empty() && here != stated) {
+      fail(lines_.place(), fmt::format("{} {}, but {} has {} for configuration {}, expected the same", name,
+                                       shown(here), files_.joint_values, shown(stated), shown(configuration)));
+    }
+    return stated;
+  }
+
+  // The cells of the points' file that are in no column in front of them.
+  std::string row_of_points(const std::optional<std::string>& target) const {
+    std::string row;
+    for (std::size_t i = 0; i < cells_.size(); ++i) {
+      if (i >= in_front_.size() || !in_front_[i]) {
+        row += (target && i == name_ ? csv_field(*target) : csv_cell(cells_[i])) + separator_;
+      }
+    }
+    if (!row.empty()) {
+      row.pop_back();
+    }
+    return row + "\n";
   }
 
   const Robot& robot_;
   const JoinedFiles& files_;
+  const JointConvention* convention_;
+  std::set<std::string> joint_names_;
   Measurements configurations_;
   std::optional<NamePattern> pattern_;
   LineReader lines_;
   std::map<std::string, std::string> heads_;
+  std::vector<SharedColumn> shared_;
+  std::vector<std::optional<std::size_t>> own_;  // the points' columns of the same meaning
+  std::vector<bool> in_front_;                   // whether what a column of the points' file says stands before them
   std::optional<std::size_t> name_;
   std::optional<std::size_t> label_;
   char separator_ = '\0';
@@ -212,10 +331,34 @@ private:
   Fields cells_;
 };
 
+// Torques belong to configurations: the means of the file that has them.
+void take_torques(const Measurements& configurations, const std::string& file, Measurements& measurements) {
+  constexpr double kNotMeasured = std::numeric_limits<double>::quiet_NaN();
+  const Eigen::MatrixXd& stated = configurations.signals.torques;
+  Eigen::MatrixXd& torques = measurements.signals.torques;
+  if (stated.size() == 0) {
+    return;
+  }
+  if (torques.size() > 0) {
+    throw InputError(measurements.source + ": has torques, and " + file + " as well, expected them in one of the two");
+  }
+  torques.resize(stated.rows(), std::ssize(measurements.configurations));
+  for (Eigen::Index c = 0; c < torques.cols(); ++c) {
+    const std::string& label = measurements.configurations[static_cast<std::size_t>(c)];
+    const auto at = std::find(configurations.configurations.begin(), configurations.configurations.end(), label);
+    torques.col(c) = at == configurations.configurations.end()
+                         ? Eigen::VectorXd::Constant(stated.rows(), kNotMeasured)
+                         : Eigen::VectorXd(stated.col(at - configurations.configurations.begin()));
+  }
+}
+
 }  // namespace
 
 Measurements read_joined(const Robot& robot, const JoinedFiles& files, const JointConvention* convention) {
-  return parse_measurements(robot, Joining(robot, files, convention).csv(), nullptr, files.points, files.orientation);
+  Joining joining(robot, files, convention);
+  Measurements measurements = parse_measurements(robot, joining.csv(), nullptr, files.points, files.orientation);
+  take_torques(joining.configurations(), files.joint_values, measurements);
+  return measurements;
 }
 
 }  // namespace kdl_calibration::cli

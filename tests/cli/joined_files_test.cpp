@@ -127,6 +127,52 @@ TEST_F(JoinedFilesOfATracker, AColumnNamesTheConfigurationAsWell) {
   EXPECT_EQ(found.joint_values.col(1), measured.joint_values.col(0));
 }
 
+// A file of joint values for three configurations, and what else it says of them.
+const std::string kMore =
+    "configuration,split,anchor,order,tau_joint_2[Nm],joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n"
+    "1,train,left,7,100,0.1,0.2,0.3,0.4,0.5,0.6\n2,test,right,3,200,0.2,0.3,0.4,0.5,0.6,0.7\n";
+
+TEST_F(JoinedFilesOfATracker, JointValuesBringWhatElseTheirFileSays) {
+  write("j.csv", kMore);
+  const auto read = [&](const std::string& points, const std::string& names) {
+    write("p.csv", points);
+    return cli::read_joined(
+        fanuc(),
+        {.points = (directory / "p.csv").string(), .joint_values = (directory / "j.csv").string(), .names = names},
+        nullptr);
+  };
+  const std::vector<std::pair<std::string, std::string>> same = {
+      {"name,x,y,z\nC2_A,1,2,3\nC1_A,4,5,6\n", "C{configuration}_{target}"},
+      {"configuration,name,split,station,order,x,y,z\n2,A,test,right,3,1,2,3\n1,A,,,,4,5,6\n", ""},
+      {"x,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,y,configuration,z,name\n"
+       "1,0.2,0.3,0.4,0.5,0.6,0.7,2,2,3,A\n4,0.1,0.2,0.3,0.4,0.5,0.6,5,1,6,A\n",
+       ""}};
+  for (const auto& [points, names] : same) {
+    const Measurements found = read(points, names);
+    ASSERT_EQ(found.observations.size(), 2U) << points;
+    EXPECT_EQ(found.observations[0].position(), Eigen::Vector3d(1.0, 2.0, 3.0));
+    EXPECT_EQ(found.observations[0].split, Split::test);
+    EXPECT_EQ(found.observations[1].split, Split::train);
+    EXPECT_EQ(found.stations, (std::vector<std::string>{"right", "left"}));
+    EXPECT_EQ(found.observations[0].order, 3);
+    EXPECT_EQ(found.observations[1].order, 7);
+    EXPECT_EQ(found.signals.torques(1, 0), 200.0);
+    EXPECT_EQ(found.signals.torques(1, 1), 100.0);
+    EXPECT_EQ(found.joint_values(5, 1), 0.6);
+  }
+  const std::vector<std::pair<std::string, std::string>> refused = {
+      {"configuration,name,split,x,y,z\n1,A,test,1,2,3\n",
+       "p.csv:2: split 'test', but " + (directory / "j.csv").string() + " has 'train' for configuration '1'"},
+      {"configuration,name,station,x,y,z\n1,A,right,1,2,3\n", "p.csv:2: station 'right', but "},
+      {"configuration,name,order,x,y,z\n1,A,8,1,2,3\n", "p.csv:2: order '8', but "},
+      {"configuration,name,tau_joint_2[Nm],x,y,z\n1,A,100,1,2,3\n", "expected them in one of the two"},
+      {"configuration,name,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n1,A,0.1,0.2,0.31,0.4,0.5,0.6,1,2,3\n",
+       "joint values of configuration '1' differ from those of "}};
+  for (const auto& [points, words] : refused) {
+    EXPECT_THAT(refusal([&, &points = points] { read(points, ""); }), HasSubstr(words)) << points;
+  }
+}
+
 TEST_F(JoinedFilesOfATracker, WhatDoesNotFitIsRefusedByFileAndLine) {
   const std::string names = "C{configuration}_{target}";
   struct Case {
