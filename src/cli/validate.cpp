@@ -79,6 +79,9 @@ Json json(const PositionErrors& errors, const Measurements& measurements) {
                  {"rms_corrected", errors.rms_corrected},
                  {"base", frame_json(errors.frames.base())},
                  {"targets", targets}};
+  if (errors.distance_zero != 0.0) {
+    result["distance_zero"] = {{"length", errors.distance_zero}};
+  }
   for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
     result["stations"].push_back({{"name", measurements.stations[s]}});
     result["stations"].back().update(frame_json(errors.frames.base(s)));
@@ -224,7 +227,7 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
 
 // The arm of the URDF or, with the full model, of a result.
 CalibrationParts arm_of(const Robot& robot, const std::string& result) {
-  return result.empty() ? CalibrationParts{nominal_basis(robot)} : read_calibration(result, robot);
+  return result.empty() ? CalibrationParts{nominal_basis(robot)} : read_result(result, robot);
 }
 
 // Adds to the printed numbers their provenance, for the page.

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "calibration/distance_zero.hpp"
 #include "diagnosis/alternative_readings.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
@@ -18,6 +19,7 @@
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
 #include "model/parameters.hpp"
+#include "selection/parameter_selection.hpp"
 #include "validation/registered_errors.hpp"
 
 namespace kdl_calibration {
@@ -40,6 +42,11 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
   }
   if (has_only_test_rows(measurements) && !errors.registered.empty()) {
     warnings.push_back(measurements.source + ": no train rows, the test rows place " + errors.registered);
+  }
+  if (errors.distance_zero != 0.0) {
+    warnings.push_back(fmt::format("all distances are taken {} by {:.3f} mm, the zero of their instrument",
+                                   errors.distance_zero > 0.0 ? "shorter" : "longer",
+                                   std::abs(errors.distance_zero) * 1e3));
   }
   if (registration.ambiguous) {
     warnings.push_back("registration: " + registration.message);
@@ -72,16 +79,38 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
   }
 }
 
+// The zero of an instrument for distances, beside base and targets.
+double distance_zero(const ErrorModel& model, const Estimate& registered, const Measurements& rows,
+                     const KnownFrames& known) {
+  const std::vector<TargetFrame>& targets = registered.frames.targets;
+  const Unknowns free = Unknowns(model, targets, select_parameters(model, targets, {.known = known}).free)
+                            .without(UnknownGroup::geometric)
+                            .without(UnknownGroup::effects);
+  const std::optional<DistanceZero> zero =
+      zero_of_distances({.model = model, .measurements = rows, .start = registered, .free = free});
+  return zero ? zero->length : 0.0;
+}
+
 PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measurements, const KnownFrames& known,
                          const DiagnosisOptions& diagnosis) {
   constexpr double kAbsurd = 0.1;  // of the arm's length: 3 degrees in every joint leave half of that
   require_conventions(diagnosis, arm.model.joints);
-  const Measurements rows = rows_to_register(measurements);
-  const ErrorModel model = model_at_stations(*TrainingRows(rows), arm.model);
+  const Measurements all_rows = rows_to_register(measurements);
+  const TrainingRows train(all_rows);
+  const ErrorModel model = model_at_stations(*train, arm.model);
   check(measurements, model);
   check(known, measurements);
-  const RegisteredErrors found =
-      registered_errors(flange_poses(model, arm.estimate, measurements), measurements, rows, known);
+  const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, arm.estimate, measurements);
+  RegisteredErrors found = registered_errors(X_BF, measurements, all_rows, known);
+  const double zero = distance_zero(
+      model, {.errors = arm.estimate.errors, .frames = found.registration.frames, .effects = arm.estimate.effects},
+      *train, known);
+  const FromZero shorter(all_rows, zero);
+  const Measurements& rows = *shorter;
+  if (zero != 0.0) {
+    found = registered_errors(X_BF, from_zero(measurements, zero), rows, known);
+    ++found.freedom.unknowns;
+  }
   const Registration& registration = found.registration;
   PositionErrors errors{.all = found.all,
                         .train = found.train,
@@ -95,6 +124,7 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
                         .registered = registered(known, registration.frames),
                         .coordinates = found.freedom.coordinates,
                         .unknowns = found.freedom.spent(),
+                        .distance_zero = zero,
                         .rms_corrected = registration.rms * found.freedom.correction(),
                         .upper_95_factor = found.freedom.upper_95(),
                         .upper_95_factor_of_test = found.of_test.upper_95()};
