@@ -21,6 +21,7 @@
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/plan_command.hpp"
+#include "cli/planned_cell.hpp"
 #include "cli/progress.hpp"
 #include "cli/requirements.hpp"
 #include "cli/robot_controller.hpp"
@@ -286,7 +287,10 @@ bool shows_the_result(const OutputFile& file) { return file.option == "--result"
 Provenance filled_beside_result(const CalibrateArguments& arguments, const Robot& robot,
                                 const Measurements& measurements, const CalibrationResult& calibration,
                                 std::vector<OutputFile>& files) {
-  Provenance provenance{.notes = notes_of(arguments.notes), .files_read = files_read(arguments, robot)};
+  Provenance provenance{.notes = notes_of(arguments.notes),
+                        .options = reading_options(arguments.measurements),
+                        .planned_cell = planned_cell_of(arguments.measurements),
+                        .files_read = files_read(arguments, robot)};
   for (OutputFile& file : files) {
     if (shows_the_result(file)) {
       continue;

@@ -25,33 +25,6 @@ namespace {
   throw InputError(option + ": '" + text + "' is out of place, expected " + expected);
 }
 
-// Parses "lower:upper", either of which may be omitted, in `text` after `prefix` characters.
-std::pair<double, double> bounds(const std::string& option, const std::string& text, const std::string& expected,
-                                 std::size_t prefix = 0) {
-  const std::string range = text.substr(prefix);
-  const std::size_t colon = range.find(':');
-  if (colon == std::string::npos) {
-    refuse(option, text, expected);
-  }
-  const auto bound = [&](const std::string& part, double none) {
-    if (part.empty()) {
-      return none;
-    }
-    const std::optional<double> value = parsed_number(part);
-    if (!value) {
-      refuse(option, text, expected);
-    }
-    return *value;
-  };
-  const double infinity = std::numeric_limits<double>::infinity();
-  const std::pair<double, double> result{bound(range.substr(0, colon), -infinity),
-                                         bound(range.substr(colon + 1), infinity)};
-  if (!(result.first <= result.second)) {
-    refuse(option, text, expected);
-  }
-  return result;
-}
-
 // The frame with its axes exactly along those of the base.
 Eigen::Isometry3d with_right_angles(const Eigen::Isometry3d& X_BW) {
   constexpr double kTurned = 1e-6;  // [rad]
@@ -273,6 +246,32 @@ void add_cell_options(CLI::App& app, CellArguments& arguments) {
                  "Largest angle between the beam and a target's facing direction, deg")
       ->type_name("DEG")
       ->check(number_between(0.0, 180.0, "degrees from 0 to 180"));
+}
+
+std::pair<double, double> bounds(const std::string& option, const std::string& text, const std::string& expected,
+                                 std::size_t start) {
+  const std::string range = text.substr(start);
+  const std::size_t colon = range.find(':');
+  if (colon == std::string::npos) {
+    refuse(option, text, expected);
+  }
+  const auto bound = [&](const std::string& part, double none) {
+    if (part.empty()) {
+      return none;
+    }
+    const std::optional<double> value = parsed_number(part);
+    if (!value) {
+      refuse(option, text, expected);
+    }
+    return *value;
+  };
+  const double infinity = std::numeric_limits<double>::infinity();
+  const std::pair<double, double> result{bound(range.substr(0, colon), -infinity),
+                                         bound(range.substr(colon + 1), infinity)};
+  if (!(result.first <= result.second)) {
+    refuse(option, text, expected);
+  }
+  return result;
 }
 
 std::vector<double> numbers(const std::string& option, const std::string& text, std::size_t count,

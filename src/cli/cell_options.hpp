@@ -55,6 +55,10 @@ bool has_places(const CellArguments& arguments);
 std::string places_text(const CellArguments& arguments, const Cell& cell, const std::string& base,
                         const Eigen::Isometry3d& X_BW);
 
+/// Parses "lower:upper" from this place of the text on, either of which may be omitted.
+std::pair<double, double> bounds(const std::string& option, const std::string& text, const std::string& expected,
+                                 std::size_t start = 0);
+
 /// Parses "1,2,3" as `count` numbers.
 std::vector<double> numbers(const std::string& option, const std::string& text, std::size_t count,
                             const std::string& expected);

@@ -24,10 +24,9 @@ namespace kdl_calibration::cli {
 
 namespace fs = std::filesystem;
 
-void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
-  add_file(app, "--measurements", arguments.measurements, "Measured points or poses (CSV)")->required();
+void add_reading_options(CLI::App& app, const std::string& option, MeasurementArguments& arguments) {
   CLI::Option* joints = add_file(app, "--joints-file", arguments.joints_file,
-                                 "The joint values of the configurations, where --measurements has points alone (CSV)");
+                                 "The joint values of the configurations, where " + option + " has points alone (CSV)");
   app.add_option("--point-names", arguments.point_names,
                  "How those points are named, such as C{configuration}_{target}")
       ->type_name("PATTERN")
@@ -35,6 +34,23 @@ void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
   add_list(app, "--exclude", arguments.exclude, "Configurations, or points of them, that are left out")
       ->type_name("CONFIGURATION[:TARGET],...");
   add_orientation(app, arguments.orientation);
+}
+
+std::vector<std::pair<std::string, std::string>> reading_options(const MeasurementArguments& arguments) {
+  std::vector<std::pair<std::string, std::string>> options;
+  for (const auto& [name, value] :
+       {std::pair{"--point-names", arguments.point_names}, std::pair{"--exclude", comma_separated(arguments.exclude)},
+        std::pair{"--orientation", arguments.orientation}}) {
+    if (!value.empty()) {
+      options.emplace_back(name, value);
+    }
+  }
+  return options;
+}
+
+void add_measurement_options(CLI::App& app, MeasurementArguments& arguments) {
+  add_file(app, "--measurements", arguments.measurements, "Measured points or poses (CSV)")->required();
+  add_reading_options(app, "--measurements", arguments);
   add_file(app, "--joint-convention", arguments.joint_convention,
            "How the controller's joint values become the URDF's (JSON)");
   app.add_option("--known-base", arguments.known_bases,

@@ -3,6 +3,7 @@
 #include <CLI/App.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "cli/options.hpp"
@@ -27,6 +28,10 @@ struct MeasurementArguments {
   std::string known_targets;
 };
 void add_measurement_options(CLI::App& app, MeasurementArguments& arguments);
+/// Of these --joints-file, --point-names, --exclude and --orientation, beside measurements that `option` names.
+void add_reading_options(CLI::App& app, const std::string& option, MeasurementArguments& arguments);
+/// The options beside the files that say how measurements are read, with their values.
+std::vector<std::pair<std::string, std::string>> reading_options(const MeasurementArguments& arguments);
 FileRoles files_of(const MeasurementArguments& arguments);
 
 Measurements read(const MeasurementArguments& arguments, const Robot& robot);

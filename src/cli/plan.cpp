@@ -15,6 +15,7 @@
 #include "cli/output_files.hpp"
 #include "cli/plan_arguments.hpp"
 #include "cli/plan_summary.hpp"
+#include "cli/planned_cell.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/robot_controller.hpp"
@@ -26,7 +27,7 @@
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
-#include "kdl_calibration/orientation_reading.hpp"
+#include "planning/measuring_plan.hpp"
 #include "planning/places_plan.hpp"
 #include "planning/planner.hpp"
 #include "programs/measuring_program.hpp"
@@ -103,9 +104,13 @@ PlanSetting setting(const PlanArguments& arguments) {
   const ErrorModel model = complete_model(request.robot);
   result.convention = convention_of(arguments.joint_convention, request.robot);
   const JointConvention* convention = result.joint_convention();
-  if (!arguments.measured.empty()) {
-    request.measured =
-        read_measurements(request.robot, arguments.measured, convention, orientation_reading(arguments.orientation));
+  if (!arguments.measured.measurements.empty()) {
+    MeasurementArguments measured = arguments.measured;
+    measured.joint_convention = arguments.joint_convention;
+    request.measured = read(measured, request.robot);
+    if (const std::string cell = planned_cell_of(measured); !cell.empty() && cell_note(arguments.cell).empty()) {
+      warn(measured.measurements + " was planned with " + cell + ", which limits this plan only if it is stated again");
+    }
   }
   if (!arguments.result.empty()) {
     request.calibrated = read_result(arguments.result, request.robot);
@@ -114,6 +119,7 @@ PlanSetting setting(const PlanArguments& arguments) {
   request.targets = facing.targets;
   if (arguments.cell.frame.empty() ? convention != nullptr : arguments.cell.frame == "world") {
     result.X_BW = controller_of_robot(request.robot).X_BW;
+    result.is_world = true;
   }
   request.cell = cell(arguments.cell, request.robot, facing, convention, result.X_BW);
   request.noise = noise(arguments, request.cell);
@@ -143,10 +149,10 @@ void require_sound(const PlanArguments& arguments) {
   if (arguments.monte_carlo > 0 && arguments.effects != std::vector<std::string>{"none"}) {
     throw InputError("--monte-carlo: tries the plan on rigid arms, expected it without --effects");
   }
-  if (arguments.add && arguments.measured.empty() && arguments.result.empty()) {
+  if (arguments.add && arguments.measured.measurements.empty() && arguments.result.empty()) {
     throw InputError("--add: adds to configurations that were measured, expected --measured FILE or --result FILE");
   }
-  if (!arguments.measured.empty() && !arguments.result.empty()) {
+  if (!arguments.measured.measurements.empty() && !arguments.result.empty()) {
     throw InputError("--result: --measured says what was measured, expected one of the two");
   }
   if (!arguments.result.empty() && arguments.monte_carlo > 0) {
@@ -163,7 +169,7 @@ void require_sound(const PlanArguments& arguments) {
 // Options of a plan for whole points from one station.
 void require_no_others(const PlanArguments& arguments) {
   const std::vector<std::pair<const char*, bool>> others = {
-      {"--measured", !arguments.measured.empty()},
+      {"--measured", !arguments.measured.measurements.empty()},
       {"--result", !arguments.result.empty()},
       {"--accuracy", arguments.accuracy_mm.has_value()},
       {"--criterion", arguments.criterion != "D"},
@@ -203,23 +209,74 @@ std::string program_of(const PlanArguments& arguments, const PlanSetting& settin
                            std::filesystem::path(arguments.program).stem().string());
 }
 
-ExitStatus run_at_places(const PlanArguments& arguments, const Places& places) {
+std::string sheet_csv(const PlanArguments& arguments, const PlanSetting& set, const MeasuringPlan& sheet) {
+  const std::string csv = plan_csv(sheet, set.request.robot.joints, set.joint_convention());
+  return arguments.decimal_comma ? with_decimal_commas(csv) : csv;
+}
+
+void warn_of_narrowed(const Robot& robot, const std::vector<NarrowedRange>& ranges) {
+  for (const NarrowedRange& range : ranges) {
+    const MovingJoint& joint = robot.joints[range.joint];
+    const bool length = joint.type == JointType::prismatic;
+    std::string parts;
+    for (const auto& [lower, upper] : range.left_out) {
+      const double unit = length ? 1e-3 : kDegree;
+      parts += fmt::format("{}{} to {}", parts.empty() ? "" : " and ", fixed(lower / unit, 0), fixed(upper / unit, 0));
+    }
+    warn(
+        fmt::format("joint {}: the plan uses {:.0f} % of its range, and leaves out {} {}; most configurations there "
+                    "are refused by {}{}",
+                    shown(joint.name), 100.0 * range.share, parts, length ? "mm" : "deg", range.cause.constraint,
+                    range.cause.links.empty() ? "" : ", mostly between " + range.cause.links));
+  }
+}
+
+// For the command that plans further configurations of the same cell.
+void add_cell_note(const PlanArguments& arguments, MeasuringPlan& sheet) {
+  CellArguments cell = arguments.cell;
+  if (cell.frame.empty() && has_places(cell)) {
+    cell.frame = arguments.joint_convention.empty() ? "base" : "world";
+  }
+  if (const std::string note = cell_note(cell); !note.empty()) {
+    sheet.notes.push_back(note);
+  }
+}
+
+ExitStatus run_at_places(const PlanArguments& arguments, Places places) {
   require_no_others(arguments);
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}, {"--program", arguments.program}});
   require_writable(files, arguments.force);
   const ProgramLanguage* language = program_language_of(arguments);
   PlanSetting set = setting(arguments);
   require_one_ball(arguments.places, set.request.targets.size());
+  places.lowest += set.X_BW.translation().z();
+  places.highest += set.X_BW.translation().z();
   Progress choosing("choosing");
   set.request.choosing = [&](double share) { choosing(share); };
-  const PlacesPlan plan = plan_at_places(set.request, places);
+  PlacesPlan plan = plan_at_places(set.request, places);
+  warn_of_narrowed(set.request.robot, plan.narrowed);
+  add_cell_note(arguments, plan.sheet);
+  plan.sheet.notes.push_back(places_note(arguments.places));
   for (OutputFile& file : files) {
     file.text = file.option == "--program" ? program_of(arguments, set, plan.sheet, *language)
-                                           : plan_csv(plan.sheet, set.request.robot.joints, set.joint_convention());
+                                           : sheet_csv(arguments, set, plan.sheet);
   }
   write_whole(files, arguments.force,
               arguments.json ? json_of_plan(arguments, set, plan) : table_of_plan(arguments, set, plan));
   return done;
+}
+
+std::string page_of(const PlanArguments& arguments, const PlanSetting& set, const Plan& plan) {
+  const std::string noise = plan.experiment.noise.tracker
+                                ? "of the tracker"
+                                : fixed(arguments.noise.sigma * 1e3, 4) + " mm of a coordinate, 1 sigma";
+  return plan_page(json_of(json_of_plan(arguments, set, plan), "the plan"),
+                   {.request = set.request,
+                    .plan = plan,
+                    .setup = {{"noise", noise}, {"seed", std::to_string(arguments.seed)}},
+                    .convention = set.joint_convention(),
+                    .frame = set.is_world ? "world" : set.request.robot.base,
+                    .X_BW = set.X_BW});
 }
 
 ExitStatus run(const PlanArguments& arguments) {
@@ -237,17 +294,13 @@ ExitStatus run(const PlanArguments& arguments) {
   set.request.choosing = [&](double share) { choosing(share); };
   Progress trying("Monte Carlo");
   set.request.trying = [&](double share) { trying(share); };
-  const Plan result = make_plan(set.request);
+  Plan result = make_plan(set.request);
+  warn_of_narrowed(set.request.robot, result.narrowed);
+  add_cell_note(arguments, result.sheet);
   for (OutputFile& file : files) {
-    file.text = file.option == "--program" ? program_of(arguments, set, result.sheet, *language)
-                : file.option == "--output"
-                    ? plan_csv(result.sheet, set.request.robot.joints, set.joint_convention())
-                    : plan_page(json_of(json_of_plan(arguments, set, result), "the plan"), set.request, result,
-                                {{"noise", result.experiment.noise.tracker ? "of the tracker"
-                                                                           : fixed(arguments.noise.sigma * 1e3, 4) +
-                                                                                 " mm of a coordinate, 1 sigma"},
-                                 {"seed", std::to_string(arguments.seed)}},
-                                set.joint_convention());
+    file.text = file.option == "--program"  ? program_of(arguments, set, result.sheet, *language)
+                : file.option == "--output" ? sheet_csv(arguments, set, result.sheet)
+                                            : page_of(arguments, set, result);
   }
   write_whole(files, arguments.force,
               arguments.json ? json_of_plan(arguments, set, result) : table_of_plan(arguments, set, result));
@@ -258,8 +311,11 @@ void add_counts(CLI::App& app, PlanArguments& arguments) {
   limit_count(app.add_option("--configurations", arguments.configurations,
                              "Configurations to choose [30]; with --accuracy the most that may be [500]"),
               {1, kMostPlanned});
-  add_file(app, "--measured", arguments.measured, "Plan on top of these measurements (CSV)");
-  add_orientation(app, arguments.orientation)->needs("--measured");
+  add_file(app, "--measured", arguments.measured.measurements, "Plan on top of these measurements (CSV)");
+  add_reading_options(app, "--measured", arguments.measured);
+  for (const char* name : {"--joints-file", "--exclude", "--orientation"}) {
+    app.get_option(name)->needs("--measured");
+  }
   add_file(app, "--result", arguments.result, "Plan on top of what this calibration knows, at its geometry (JSON)");
   limit_count(app.add_option("--add", arguments.add, "With --measured or --result: configurations to add"),
               {1, kMostPlanned});
@@ -280,6 +336,7 @@ void add_experiment(CLI::App& app, PlanArguments& arguments) {
   CLI::Option* file = add_file(app, "--target-file", arguments.target_file,
                                "Targets in the flange frame {\"targets\": [{\"name\", \"position\"[, \"facing\"]}]}");
   add_place_options(app, arguments.places);
+  add_plate_options(app, arguments.places);
   add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones")
       ->excludes(file, app.get_option("--measured"), app.get_option("--result"));
   app.add_option("--noise", arguments.noise.sigma, "1 sigma of every measured coordinate, m")
@@ -324,6 +381,9 @@ Subcommand add_plan(CLI::App& parser) {
   add_seed(*app, arguments->seed);
   add_count(*app, "--threads", arguments->threads, {0, 1'024}, "Threads; 0: one per core. The plan is the same");
   add_file(*app, "--output", arguments->output, "Write the plan (CSV) that calibrate reads once it is filled in");
+  app->add_flag("--decimal-comma", arguments->decimal_comma,
+                "With decimal commas and semicolons, for spreadsheets of such a language")
+      ->needs("--output");
   add_file(
       *app, "--program", arguments->program,
       "Write the plan as a robot program that drives slowly and stops at each configuration: .LS, .script, .mod or "

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/cell_options.hpp"
+#include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
 #include "cli/simulated_places.hpp"
 #include "kdl_calibration/joint_convention.hpp"
@@ -22,8 +23,7 @@ struct PlanArguments {
   std::optional<int> add;
   std::optional<double> accuracy_mm;
   std::string accuracy_of = "mean";
-  std::string measured;
-  std::string orientation;
+  MeasurementArguments measured;
   std::string result;
   int candidates = 5000;
   int workspace = 5000;
@@ -42,6 +42,7 @@ struct PlanArguments {
   std::uint64_t seed = 1;
   int threads = 0;
   std::string output;
+  bool decimal_comma = false;
   std::string program;
   std::string report;
   bool force = false;
@@ -52,6 +53,7 @@ struct PlanArguments {
 struct PlanSetting {
   std::optional<JointConvention> convention;
   Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();  // where the cell is stated
+  bool is_world = false;                                   // whether that is the controller's world
   PlanRequest request;
 
   const JointConvention* joint_convention() const { return convention ? &*convention : nullptr; }

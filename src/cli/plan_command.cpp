@@ -2,6 +2,8 @@
 
 #include <string_view>
 
+#include "cli/planned_cell.hpp"
+
 namespace kdl_calibration::cli {
 namespace {
 
@@ -67,6 +69,20 @@ std::string robot_options(const Json& result) {
   return options;
 }
 
+// The options that say how the measurements are read, and the cell of the plan that was measured.
+std::string reading_and_cell(const Json& result) {
+  const Json provenance = result.value("provenance", Json());
+  const Json stated = provenance.is_object() ? provenance.value("options", Json()) : Json();
+  const std::string joints = path_of(result, "joints-file");
+  std::string options = joints.empty() ? "" : " --joints-file " + shell_word(joints);
+  for (const char* option : {"--point-names", "--exclude", "--orientation"}) {
+    const std::string value = text_at(stated, option);
+    options += value.empty() ? "" : " " + std::string(option) + " " + shell_word(value);
+  }
+  const std::string cell = cell_in(text_at(provenance, "planned_cell"));
+  return options + (cell.empty() ? "" : " " + cell);
+}
+
 }  // namespace
 
 std::string plan_command(const Json& result) {
@@ -74,9 +90,10 @@ std::string plan_command(const Json& result) {
     return {};
   }
   const std::string measured = text_at(result["input"], "measurements");
-  return measured.empty() ? std::string()
-                          : "kdlcal plan" + robot_options(result) + " --measured " + shell_word(measured) + " --add " +
-                                std::to_string(kConfigurationsToAdd) + " --output plan.csv";
+  return measured.empty()
+             ? std::string()
+             : "kdlcal plan" + robot_options(result) + " --measured " + shell_word(measured) +
+                   reading_and_cell(result) + " --add " + std::to_string(kConfigurationsToAdd) + " --output plan.csv";
 }
 
 std::string apply_command(const Json& result, const std::string& file) {

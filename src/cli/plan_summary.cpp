@@ -56,6 +56,9 @@ std::string json_of_plan(const PlanArguments& arguments, const PlanSetting& sett
   Json refusals = Json::array();
   for (const Refusals& entry : plan.drawn.refusals) {
     refusals.push_back({{"constraint", entry.constraint}, {"samples", entry.samples}, {"alone", entry.alone}});
+    if (!entry.links.empty()) {
+      refusals.back()["links"] = entry.links;
+    }
   }
   Json configurations = Json::array();
   for (std::size_t c = 0; c < plan.sheet.configurations.size(); ++c) {
@@ -101,7 +104,8 @@ std::string table_of_plan(const PlanArguments& arguments, const PlanSetting& set
       plan.experiment.noise.tracker ? "of the tracker" : fixed(arguments.noise.sigma * 1e3, 4) + " mm",
       arguments.starts, plan.selection.exchanges, arguments.seed, plan.drawn.samples);
   for (const Refusals& entry : plan.drawn.refusals) {
-    text += fmt::format("; {} removes {}", entry.constraint, entry.samples);
+    text += fmt::format("; {} removes {}{}", entry.constraint, entry.samples,
+                        entry.links.empty() ? "" : ", mostly between " + entry.links);
   }
   text += "\n" + places_text(arguments.cell, setting.request.cell, setting.request.robot.base, setting.X_BW);
   text += "predicted 1 sigma [mm]        mean       p95       max  worst RMS of a configuration\n";

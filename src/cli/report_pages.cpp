@@ -42,6 +42,54 @@ Json places_json(const std::vector<Eigen::Isometry3d>& poses) {
   return list;
 }
 
+Json frame12(const Eigen::Isometry3d& frame) {
+  Json result = Json::array();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      result.push_back(frame.matrix()(row, column));
+    }
+  }
+  return result;
+}
+
+// The boxes and spheres of a cell in the base frame. Sides that are open are drawn far away.
+Json zones_json(const Cell& cell) {
+  constexpr double kFar = 20.0;  // [m]
+  Json zones = Json::array();
+  const auto add = [&](const std::string& name, const char* kind, const Box& box) {
+    zones.push_back({{"name", name},
+                     {"kind", kind},
+                     {"lower", position_json(box.lower.cwiseMax(-kFar))},
+                     {"upper", position_json(box.upper.cwiseMin(kFar))}});
+  };
+  if (cell.box.lower.array().isFinite().any() || cell.box.upper.array().isFinite().any()) {
+    add("targets stay in", "after", cell.box);
+  }
+  for (std::size_t i = 0; i < cell.out_boxes.size(); ++i) {
+    add("keep-out box " + std::to_string(i + 1), "mark", cell.out_boxes[i]);
+  }
+  for (std::size_t i = 0; i < cell.out_spheres.size(); ++i) {
+    zones.push_back({{"name", "keep-out sphere " + std::to_string(i + 1)},
+                     {"kind", "mark"},
+                     {"centre", position_json(cell.out_spheres[i].center)},
+                     {"radius", cell.out_spheres[i].radius}});
+  }
+  return zones;
+}
+
+// The targets in each configuration, in the base frame.
+Json beams_json(const std::vector<Eigen::Isometry3d>& flanges, const std::vector<TargetFrame>& targets) {
+  Json list = Json::array();
+  for (const Eigen::Isometry3d& X_BF : flanges) {
+    Json ends = Json::array();
+    for (const TargetFrame& target : targets) {
+      ends.push_back(position_json(X_BF * target.X_FT.translation()));
+    }
+    list.push_back(ends);
+  }
+  return list;
+}
+
 // Evenly spaced candidates that were not chosen.
 std::vector<Eigen::Index> rejected(const PlanRequest& request, const Plan& plan) {
   constexpr Eigen::Index kMost = 1500;
@@ -84,8 +132,8 @@ std::string two_step_page(const Json& result, const Json& other, const PageFacts
   return page_of(data);
 }
 
-std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup,
-                      const JointConvention* convention) {
+std::string plan_page(const Json& result, const PlanPage& page) {
+  const auto& [request, plan, setup, convention, frame, X_BW] = page;
   Json data = page_data("plan", result);
   data["setup"] = setup_json(setup);
   const ErrorModel& model = plan.experiment.model;
@@ -111,6 +159,9 @@ std::string plan_page(const Json& result, const PlanRequest& request, const Plan
   data["chosen"] = places_json(flange_poses(chain, plan.sheet.joint_values));
   data["rejected"] =
       places_json(flange_poses(chain, plan.drawn.joint_values(Eigen::all, rejected(request, plan)).eval()));
+  data["axes"] = {{"name", frame}, {"pose", frame12(X_BW)}};
+  data["zones"] = zones_json(request.cell);
+  data["beams"] = beams_json(flange_poses(chain, plan.sheet.joint_values), plan.experiment.targets);
   if (request.cell.tracker) {
     data["tracker"] = position_json(request.cell.tracker->position);
   }

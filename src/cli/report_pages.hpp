@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Geometry>
 #include <string>
 #include <utility>
 #include <vector>
@@ -23,8 +24,16 @@ std::string monte_carlo_page(const Json& result, const MonteCarlo& experiment, c
                              const PageFacts& setup);
 /// `other`: the rounds with the other kind of measurements, recorded or fresh.
 std::string two_step_page(const Json& result, const Json& other, const PageFacts& setup);
-std::string plan_page(const Json& result, const PlanRequest& request, const Plan& plan, const PageFacts& setup,
-                      const JointConvention* convention = nullptr);
+/// Input of the page of a plan.
+struct PlanPage {
+  const PlanRequest& request;
+  const Plan& plan;
+  PageFacts setup;
+  const JointConvention* convention = nullptr;             ///< of the joint values shown
+  std::string frame = "base";                              ///< in which the places of the cell are stated
+  Eigen::Isometry3d X_BW = Eigen::Isometry3d::Identity();  ///< its pose in the base frame
+};
+std::string plan_page(const Json& result, const PlanPage& page);
 
 /// Input of the page of a robot validated by measurements.
 struct ValidationPage {

@@ -9,6 +9,7 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -21,6 +22,7 @@
 #include "cli/joint_range_option.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/planned_cell.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/simulate_arguments.hpp"
@@ -116,6 +118,10 @@ Setup setup(const Robot& robot, const SimulateArguments& arguments) {
                                  arguments.places.stations, result.configurations));
   }
   require_one_ball(arguments.places, result.targets.size());
+  if (arguments.touches_of_plan && result.targets.size() != 1) {
+    throw InputError(fmt::format("--plan: {} touches the sockets of a plate, expected one target, a ball, and not {}",
+                                 arguments.plan, result.targets.size()));
+  }
   return result;
 }
 
@@ -183,10 +189,19 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
   Simulation result;
   result.robot = virtual_robot(set.model, set.with_errors, set.targets, arguments.sizes, random);
   add_effects(arguments, set, result.robot);
+  if (arguments.touches_of_plan) {
+    result.measurements = touch_as_planned(*set.plan, set.targets.front(), arguments.noise.sigma, random, result.robot);
+    result.truth = truth_of(robot, arguments, set, result.robot);
+    return result;
+  }
   if (!arguments.places.sockets.empty()) {
-    const Plate plate{.sockets = places_of(arguments.places).sockets,
-                      .places = arguments.places.stations,
-                      .sigma = arguments.noise.sigma};
+    const Places places = places_of(arguments.places);
+    const Plate plate{.sockets = places.sockets,
+                      .places = places.stations,
+                      .sigma = arguments.noise.sigma,
+                      .horizontal = places.horizontal,
+                      .lowest = places.lowest,
+                      .highest = places.highest};
     result.measurements = touch(plate, set.ranges, set.configurations, random, result.robot);
     result.truth = truth_of(robot, arguments, set, result.robot);
     return result;
@@ -396,10 +411,23 @@ ExitStatus run_two_step(const SimulateArguments& arguments) {
   return result.settled && result.truth.comparable() ? done : not_to_be_trusted;
 }
 
+// A plan says what is measured of its points.
+void take_places_of_plan(SimulateArguments& arguments) {
+  constexpr const char* kAll = "xyz";
+  const std::string places = std::filesystem::exists(arguments.plan) ? planned_places(arguments.plan) : std::string();
+  if (places == kTouches) {
+    arguments.touches_of_plan = true;
+    arguments.targets = arguments.target_file.empty() ? 1 : arguments.targets;
+  } else if (!places.empty() && arguments.places.directions == kAll) {
+    arguments.places.directions = places;
+  }
+}
+
 ExitStatus run(SimulateArguments arguments) {
   if (arguments.angle_sigma_deg) {
     arguments.sizes.angle = *arguments.angle_sigma_deg * kDegree;
   }
+  take_places_of_plan(arguments);
   require_places(arguments);
   if (arguments.two_step > 0) {
     return run_two_step(arguments);
@@ -475,6 +503,7 @@ Subcommand add_simulate(CLI::App& parser) {
                           "Targets in the flange frame {\"targets\": [{\"name\", \"position\"}]} instead"));
   add_count(*app, "--repeats", arguments->noise.repeats, {1, 1'000}, "Times that each target is measured");
   add_place_options(*app, arguments->places);
+  add_plate_options(*app, arguments->places);
   app->add_flag("--poses", arguments->poses, "Measure the targets' orientation as well");
   add_sizes(*app, *arguments);
   add_list(*app, "--effects", arguments->effects,

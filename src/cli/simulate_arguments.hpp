@@ -10,10 +10,12 @@
 
 namespace kdl_calibration::cli {
 
-/// --stations, --sockets, --directions
+/// --stations, --sockets, --plate-horizontal, --plate-heights, --directions
 struct PlaceArguments {
   int stations = 1;
   std::string sockets;
+  bool plate_horizontal = false;
+  std::string plate_heights;  ///< "lowest:highest" of its frame [m] in the base frame
   std::string directions = "xyz";
 };
 
@@ -22,6 +24,7 @@ struct SimulateArguments {
   int configurations = 30;
   int test_configurations = 0;
   std::string plan;
+  bool touches_of_plan = false;  ///< whether `plan` has the sockets of a plate
   std::string joint_convention;
   int targets = 3;
   std::string target_file;

@@ -3,9 +3,11 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 #include "base/text.hpp"
+#include "cli/cell_options.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -26,6 +28,15 @@ void add_place_options(CLI::App& app, PlaceArguments& arguments) {
   app.add_option(
       "--directions", arguments.directions,
       "Coordinates that are measured: x, y, z, two of them, or r, the distance from the origin of the station [xyz]");
+}
+
+void add_plate_options(CLI::App& app, PlaceArguments& arguments) {
+  app.add_flag("--plate-horizontal", arguments.plate_horizontal, "The plate lies: its z axis is the base's")
+      ->needs("--sockets");
+  app.add_option("--plate-heights", arguments.plate_heights,
+                 "Where the origin of its frame may be above the base, lowest:highest in m")
+      ->type_name("RANGE")
+      ->needs("--sockets");
 }
 
 void require_directions(const PlaceArguments& arguments) {
@@ -57,6 +68,13 @@ void require_places(const SimulateArguments& arguments) {
   if (arguments.places.stations > 1 && (arguments.two_step > 0 || arguments.monte_carlo > 0)) {
     throw InputError("--stations: are of measurements that are written, expected none with --two-step, --monte-carlo");
   }
+  if (arguments.touches_of_plan &&
+      (touches || arguments.poses || arguments.noise.repeats > 1 || arguments.order ||
+       arguments.test_configurations > 0 || arguments.two_step > 0 || arguments.monte_carlo > 0)) {
+    throw InputError("--plan: " + arguments.plan +
+                     " sets a ball into the sockets of a plate, each once, expected none of --sockets, --poses, "
+                     "--order, --repeats, --test-configurations, --two-step, --monte-carlo");
+  }
   if (touches && (arguments.two_step > 0 || arguments.monte_carlo > 0 || arguments.test_configurations > 0 ||
                   !arguments.plan.empty() || arguments.poses || arguments.order || arguments.noise.repeats > 1)) {
     throw InputError(
@@ -66,7 +84,12 @@ void require_places(const SimulateArguments& arguments) {
 }
 
 Places places_of(const PlaceArguments& arguments) {
-  Places places{.stations = arguments.stations, .directions = arguments.directions};
+  Places places{
+      .stations = arguments.stations, .horizontal = arguments.plate_horizontal, .directions = arguments.directions};
+  if (!arguments.plate_heights.empty()) {
+    std::tie(places.lowest, places.highest) =
+        bounds("--plate-heights", arguments.plate_heights, "lowest:highest in metres");
+  }
   if (!arguments.sockets.empty()) {
     for (const TargetFrame& socket : read_targets(arguments.sockets)) {
       places.sockets.emplace_back(socket.X_FT.translation());

@@ -9,7 +9,10 @@
 
 namespace kdl_calibration::cli {
 
+/// --stations, --sockets, --directions
 void add_place_options(CLI::App& app, PlaceArguments& arguments);
+/// --plate-horizontal, --plate-heights
+void add_plate_options(CLI::App& app, PlaceArguments& arguments);
 
 /// Throws InputError for unknown directions, and for directions beside sockets.
 void require_directions(const PlaceArguments& arguments);

@@ -44,6 +44,7 @@ std::optional<Capsule> capsule_around(const LinkShape& shape) {
   switch (shape.kind) {
     case LinkShape::Kind::box:
       capsule = around_box(0.5 * shape.size);
+      capsule->box = LinkBox{.X_LB = shape.X_LS, .box = {.lower = -0.5 * shape.size, .upper = 0.5 * shape.size}};
       break;
     case LinkShape::Kind::cylinder:
       capsule = around(Vector3d::UnitZ(), 0.5 * shape.size.z(), shape.size.x());
@@ -237,6 +238,24 @@ double segment_distance(const Vector3d& a, const Vector3d& b, const Box& box) {
   return std::min({outside(lower).norm(), outside(upper).norm(), outside(0.0).norm(), outside(1.0).norm()});
 }
 
+double distance(const Capsule& first, const Isometry3d& X_first, const Capsule& second, const Isometry3d& X_second,
+                double enough) {
+  const Vector3d a1 = X_first * first.a;
+  const Vector3d b1 = X_first * first.b;
+  const Vector3d a2 = X_second * second.a;
+  const Vector3d b2 = X_second * second.b;
+  double bound = segment_distance(a1, b1, a2, b2) - first.radius - second.radius;
+  if (bound < enough && first.box) {
+    const Isometry3d inverse = (X_first * first.box->X_LB).inverse();
+    bound = std::max(bound, segment_distance(inverse * a2, inverse * b2, first.box->box) - second.radius);
+  }
+  if (bound < enough && second.box) {
+    const Isometry3d inverse = (X_second * second.box->X_LB).inverse();
+    bound = std::max(bound, segment_distance(inverse * a1, inverse * b1, second.box->box) - first.radius);
+  }
+  return bound;
+}
+
 std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot& robot,
                                                                      const std::vector<Capsule>& capsules,
                                                                      double clearance) {
@@ -253,21 +272,18 @@ std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot
       }
     }
   }
-  std::vector<bool> ever_apart(candidates.size(), false);
+  std::vector<std::uint64_t> apart(candidates.size(), 0);  // configurations
   for (std::uint64_t k = 0; k < kConfigurationsOfPairs; ++k) {
     const std::vector<Isometry3d> frames = link_frames(robot, anywhere(robot, k));
     for (std::size_t p = 0; p < candidates.size(); ++p) {
       const Capsule& first = capsules[candidates[p].first];
       const Capsule& second = capsules[candidates[p].second];
-      const Isometry3d& X = frames[first.frame];
-      const Isometry3d& Y = frames[second.frame];
-      ever_apart[p] = ever_apart[p] || segment_distance(X * first.a, X * first.b, Y * second.a, Y * second.b) >=
-                                           first.radius + second.radius + clearance;
+      apart[p] += distance(first, frames[first.frame], second, frames[second.frame], clearance) >= clearance ? 1 : 0;
     }
   }
   std::vector<std::pair<std::size_t, std::size_t>> pairs;
   for (std::size_t p = 0; p < candidates.size(); ++p) {
-    if (ever_apart[p]) {
+    if (10 * apart[p] >= kConfigurationsOfPairs) {
       pairs.push_back(candidates[p]);
     }
   }

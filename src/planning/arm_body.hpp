@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,6 +14,18 @@
 
 namespace kdl_calibration {
 
+/// Box parallel to the axes of its frame, the base unless stated. [m]
+struct Box {
+  Eigen::Vector3d lower = Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity());
+  Eigen::Vector3d upper = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+};
+
+/// A box of a link: X_LB is the pose of its frame in the link.
+struct LinkBox {
+  Eigen::Isometry3d X_LB = Eigen::Isometry3d::Identity();
+  Box box;
+};
+
 /// All points within `radius` of the segment from a to b, in the frame of the link it belongs to. [m]
 struct Capsule {
   std::string link;
@@ -20,7 +33,8 @@ struct Capsule {
   Eigen::Vector3d a = Eigen::Vector3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
   double radius = 0.0;
-  bool tool = false;  ///< part of the tool
+  bool tool = false;                          ///< part of the tool
+  std::optional<LinkBox> box = std::nullopt;  ///< the shape inside, where it is a box
 };
 
 /// The arm's shape.
@@ -40,12 +54,6 @@ std::vector<Capsule> tool_body(const Robot& robot, const std::vector<TargetFrame
 /// Frames in the base frame at joint values `q`: the base, then each link of the chain behind it, the tip last.
 std::vector<Eigen::Isometry3d> link_frames(const Robot& robot, const Eigen::Ref<const Eigen::VectorXd>& q);
 
-/// Box in the base frame, parallel to its axes. [m]
-struct Box {
-  Eigen::Vector3d lower = Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity());
-  Eigen::Vector3d upper = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
-};
-
 /// Sphere in the base frame. [m]
 struct Sphere {
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
@@ -60,9 +68,14 @@ double segment_distance(const Eigen::Vector3d& a, const Eigen::Vector3d& b, cons
 /// Distance between the segment a b and a box, 0 where they meet.
 double segment_distance(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Box& box);
 
+/// A lower bound of the distance between the shapes in two capsules, with the poses of their links in one frame. The
+/// distance of the capsules is enough where it reaches `enough`; closer boxes are taken as boxes.
+double distance(const Capsule& first, const Eigen::Isometry3d& X_first, const Capsule& second,
+                const Eigen::Isometry3d& X_second, double enough);
+
 /// Pairs of capsules whose distance can be required to exceed `clearance` [m]. Their links are neither the same nor
-/// neighbours, nor (the tool excepted) joined by axes through one point. They reach that distance in at least one of
-/// 500 seeded configurations within the joint limits: coarse capsules of close joints may overlap everywhere.
+/// neighbours, nor (the tool excepted) joined by axes through one point. They reach that distance in at least a tenth
+/// of 500 seeded configurations within the joint limits: coarse capsules of close joints may overlap nearly everywhere.
 std::vector<std::pair<std::size_t, std::size_t>> pairs_to_keep_apart(const Robot& robot,
                                                                      const std::vector<Capsule>& capsules,
                                                                      double clearance);

@@ -212,4 +212,32 @@ std::string plan_csv(const MeasuringPlan& plan, const std::vector<MovingJoint>& 
   return csv;
 }
 
+std::string with_decimal_commas(const std::string& csv) {
+  LineReader lines(csv, "the plan");
+  std::string result;
+  Fields cells;
+  std::vector<bool> has_unit;  // of each column, empty before the header
+  for (std::string_view line; lines.next(line);) {
+    if (is_comment(line)) {
+      result += std::string(line) + "\n";
+      continue;
+    }
+    cells.split(line, ',', lines.place());
+    const bool is_header = has_unit.empty();
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      if (is_header) {
+        has_unit.push_back(cells[i].ends_with(']'));
+      }
+      std::string cell = csv_cell(cells[i]);
+      if (!is_header && has_unit[i]) {
+        cell = cells[i];
+        std::replace(cell.begin(), cell.end(), '.', ',');
+      }
+      result += (i == 0 ? "" : ";") + cell;
+    }
+    result += "\n";
+  }
+  return result;
+}
+
 }  // namespace kdl_calibration

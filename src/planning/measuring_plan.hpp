@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 #include "kdl_calibration/measuring_plan.hpp"
@@ -21,5 +22,8 @@ double way_time(const std::vector<MovingJoint>& joints, const Eigen::VectorXd& h
 /// section helps. Paths between configurations are not checked for collisions.
 std::vector<Eigen::Index> short_way(const std::vector<MovingJoint>& joints, const Eigen::VectorXd& home,
                                     const Eigen::MatrixXd& joint_values);
+
+/// The file of plan_csv with decimal commas in the columns that have a unit, and semicolons between them.
+std::string with_decimal_commas(const std::string& csv);
 
 }  // namespace kdl_calibration

@@ -64,7 +64,12 @@ VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFram
 
 PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach, const MatrixXd& q, Random& random) {
   if (!places.sockets.empty()) {
-    const Plate plate{.sockets = places.sockets, .places = places.stations, .allowed = reach.allowed};
+    const Plate plate{.sockets = places.sockets,
+                      .places = places.stations,
+                      .horizontal = places.horizontal,
+                      .lowest = places.lowest,
+                      .highest = places.highest,
+                      .allowed = reach.allowed};
     const Measurements touches = touch(plate, reach.ranges, q.cols(), random, robot);
     return {.robot = robot, .measurements = touches};
   }

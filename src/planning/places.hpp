@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,10 @@ namespace kdl_calibration {
 struct Places {
   int stations = 1;                           ///< of the measuring device, or places of the plate
   std::vector<Eigen::Vector3d> sockets = {};  ///< [m] of a plate, see Plate; none: no plate
-  std::string directions = "xyz";             ///< coordinates that are measured; "r": the distance from the origin of W
+  bool horizontal = false;                    ///< of the plate, see Plate
+  double lowest = -std::numeric_limits<double>::infinity();
+  double highest = std::numeric_limits<double>::infinity();
+  std::string directions = "xyz";  ///< coordinates that are measured; "r": the distance from the origin of W
 };
 
 /// Whether these are more than whole points from one station.

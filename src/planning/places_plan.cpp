@@ -287,12 +287,10 @@ PlacesPlan plan_at_places(const PlanRequest& request, const Places& places) {
   for (int design = 0; design < kRandomDesigns; ++design) {
     designs.push_back(information_of_arm(best, drawn(best, request.count, random)));
   }
-  const MatrixXd tasks =
-      request.tasks.size() > 0
-          ? request.tasks
-          : candidates(request.robot, request.targets, request.cell,
-                       {.count = request.workspace, .seed = request.seed, .threads = request.threads})
-                .joint_values;
+  const Candidates drawn = candidates(request.robot, request.targets, request.cell,
+                                      {.count = request.workspace, .seed = request.seed, .threads = request.threads});
+  plan.narrowed = narrowed_ranges(request.robot, request.targets, request.cell, drawn, request.seed);
+  const MatrixXd& tasks = request.tasks.size() > 0 ? request.tasks : drawn.joint_values;
   const std::vector<Prediction> predictions =
       predicted(experiment_of(request, plan.determined), designs, tasks, request.threads);
   plan.planned = predictions.front();

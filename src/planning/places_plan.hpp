@@ -16,6 +16,7 @@ struct PlacesPlan {
   Prediction planned;    ///< of points in the base frame, over the tasks; infinite if the arm is not determined
   Prediction random;     ///< mean of 20 random designs at the same places
   double seconds = 0.0;  ///< travel time [s]
+  std::vector<NarrowedRange> narrowed;  ///< joints that the cell's constraints keep from most of their range
 };
 
 /// Draws `starts` sets of places with a share of the candidates each, all within the cell, and at each set exchanges

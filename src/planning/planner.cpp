@@ -234,6 +234,7 @@ Plan make_plan(const PlanRequest& request) {
                            .threads = request.threads,
                            .angle_step = kAngleStep,
                            .length_step = kLengthStep});
+  plan.narrowed = narrowed_ranges(request.robot, request.targets, request.cell, plan.drawn, request.seed);
   if (!request.effects.empty()) {
     add_effects(request, plan.drawn.joint_values.leftCols(request.candidates), plan.experiment);
   }

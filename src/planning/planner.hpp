@@ -53,7 +53,8 @@ struct PlanRequest {
 struct Plan {
   /// The irreducible model at the nominal or the earlier calibration's geometry, with the requested effects.
   Experiment experiment;
-  Candidates drawn;  ///< candidates, then the workspace
+  Candidates drawn;                     ///< candidates, then the workspace
+  std::vector<NarrowedRange> narrowed;  ///< joints that the cell's constraints keep from most of their range
   Selection selection;
   MeasuringPlan sheet;  ///< the configurations in the order to drive them
   Prediction planned;   ///< over the tasks

@@ -105,9 +105,15 @@ function planInSpace() {
   const points = (DATA.rejected || []).map((place) => ({ place, kind: "quiet", size: 1.1, layer: "rejected" }));
   DATA.chosen.forEach((place, c) => points.push({ place, c, kind: "after", size: 3.6, layer: "chosen",
     lines: () => [`Configuration ${cut(CONFIGURATIONS[c].name, 40)}`], choose: () => select(c) }));
-  const scene = { robot: DATA.robot, configurations: CONFIGURATIONS, points, tracker: DATA.tracker || null };
-  return [viewer(scene, [["robot", "robot", null], ["chosen", "chosen", "dot after"], ["rejected", "rejected candidates", null]]),
-    note("The flange in each chosen configuration, and in candidates that were not taken. Choose a point to see the arm there."), planTable()];
+  const zones = DATA.zones || [];
+  const corners = zones.flatMap((zone) => (zone.lower ? [zone.lower, zone.upper] : [zone.centre]));
+  const scene = { robot: DATA.robot, configurations: CONFIGURATIONS, points, tracker: DATA.tracker || null, zones, beams: DATA.tracker ? DATA.beams : null,
+    axes: DATA.axes, bounds: corners.concat(DATA.tracker ? [DATA.tracker] : []) };
+  const layers = [["robot", "robot", null], ["chosen", "chosen", "dot after"], ["rejected", "rejected candidates", null]];
+  if (zones.length) layers.push(["zones", "boxes and spheres", "mark"]);
+  return [viewer(scene, layers),
+    note("The flange in each chosen configuration, and in candidates that were not taken. Choose a point to see the arm there.",
+      DATA.tracker ? " Dashed lines are the beams of the chosen configuration." : "", zones.length ? " Check on which side of the robot each box lies." : ""), planTable()];
 }
 function planTable() {
   const rows = CONFIGURATIONS.slice(0, MOST_ROWS).map((configuration, c) => ({

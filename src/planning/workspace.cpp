@@ -3,17 +3,16 @@
 #include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <functional>
-#include <numbers>
+#include <map>
 #include <utility>
 
-#include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
-#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "planning/cell_constraints.hpp"
 #include "robot/joint_ranges.hpp"
 #include "robot/mimic.hpp"
 
@@ -25,278 +24,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr std::size_t kSampleBlock = 4096;  // samples per block, after which the passed ones are counted
-constexpr std::size_t kMostConstraints = 64;
-
-std::string whole_micrometres(double metres) { return shortest(std::round(metres * 1e6) / 1e3) + " mm"; }
-std::string degrees(double radians) {
-  return shortest(std::round(radians * 180.0 / std::numbers::pi * 1e6) / 1e6) + " deg";
-}
-
-// Positions at one sample, in the base frame.
-struct Posture {
-  const VectorXd& q;
-  std::vector<Isometry3d> frames;
-  std::vector<Vector3d> targets;
-  std::vector<std::pair<Vector3d, Vector3d>> body;  // ends of the capsules
-};
-
-struct Constraint {
-  std::string name;
-  std::function<bool(const Posture&)> holds;
-};
-
-bool contains(const Box& box, const Vector3d& p) {
-  return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
-}
-
-// The constraints of a cell, prepared for many samples.
-class Constraints {
-public:
-  Constraints(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell)
-      : robot_(robot), targets_(targets), cell_(cell) {
-    require_fit();
-    add_sums();
-    add_room();
-    add_zones();
-    add_clearance();
-    add_tracker();
-    if (constraints_.size() > kMostConstraints) {
-      throw InputError(
-          fmt::format("the cell has {} constraints, expected at most {}", constraints_.size(), kMostConstraints));
-    }
-  }
-
-  const std::vector<Constraint>& all() const { return constraints_; }
-
-  // Bit k: constraint k is violated.
-  std::uint64_t violations(const VectorXd& q) const {
-    Posture posture{.q = q, .frames = link_frames(robot_, q), .targets = {}, .body = {}};
-    for (const TargetFrame& target : targets_) {
-      posture.targets.emplace_back(posture.frames.back() * target.X_FT.translation());
-    }
-    for (const Capsule& capsule : cell_.body) {
-      const Isometry3d& X = posture.frames[capsule.frame];
-      posture.body.emplace_back(X * capsule.a, X * capsule.b);
-    }
-    std::uint64_t bits = 0;
-    for (std::size_t k = 0; k < constraints_.size(); ++k) {
-      bits |= constraints_[k].holds(posture) ? 0 : std::uint64_t{1} << k;
-    }
-    return bits;
-  }
-
-private:
-  void require_fit() const {
-    const auto joints = robot_.joints.size();
-    const auto is_wrong = [&](const JointSum& sum) { return static_cast<std::size_t>(sum.weights.size()) != joints; };
-    if (cell_.ranges.size() != joints || std::any_of(cell_.sums.begin(), cell_.sums.end(), is_wrong)) {
-      throw InputError(fmt::format("the cell's joint ranges do not fit the robot, expected {} joints", joints));
-    }
-    for (std::size_t i = 0; i < joints; ++i) {
-      if (!(cell_.ranges[i].first <= cell_.ranges[i].second)) {
-        throw InputError("joint " + in_quotes(robot_.joints[i].name) +
-                         ": its range is empty, expected one within the joint's limits");
-      }
-    }
-    if (!cell_.facing.empty() && cell_.facing.size() != targets_.size()) {
-      throw InputError(fmt::format("the cell has {} facing directions, expected one for each of {} targets",
-                                   cell_.facing.size(), targets_.size()));
-    }
-    require_finite("a cell", are_numbers());
-    for (const Capsule& capsule : cell_.body) {
-      if (capsule.frame > robot_.chain.getNrOfSegments()) {
-        throw InputError("the body of link " + in_quotes(capsule.link) + " belongs to no frame of the robot");
-      }
-    }
-  }
-
-  // Whether all numbers are finite; bounds may be infinite.
-  bool are_numbers() const {
-    const auto all_of = [](const auto& parts, const auto& are) { return std::all_of(parts.begin(), parts.end(), are); };
-    const auto is_bound = [](double value) { return !std::isnan(value); };
-    const auto is_box = [](const Box& box) { return !box.lower.hasNaN() && !box.upper.hasNaN(); };
-    const std::optional<Tracker>& tracker = cell_.tracker;
-    return all_of(cell_.sums,
-                  [&](const JointSum& sum) {
-                    return sum.weights.allFinite() && std::isfinite(sum.offset) && is_bound(sum.lower) &&
-                           is_bound(sum.upper);
-                  }) &&
-           is_box(cell_.box) && all_of(cell_.out_boxes, is_box) && is_bound(cell_.height.value_or(0.0)) &&
-           is_bound(cell_.radius.value_or(0.0)) && is_bound(cell_.clearance.value_or(0.0)) &&
-           all_of(cell_.out_spheres,
-                  [](const Sphere& sphere) { return sphere.center.allFinite() && std::isfinite(sphere.radius); }) &&
-           all_of(cell_.body,
-                  [](const Capsule& part) {
-                    return part.a.allFinite() && part.b.allFinite() && std::isfinite(part.radius);
-                  }) &&
-           all_of(cell_.facing, [](const Vector3d& direction) { return direction.allFinite(); }) &&
-           (!tracker || (tracker->position.allFinite() && is_bound(tracker->least_distance) &&
-                         is_bound(tracker->greatest_distance) && is_bound(tracker->acceptance)));
-  }
-
-  void add(std::string name, std::function<bool(const Posture&)> holds) {
-    constraints_.push_back({std::move(name), std::move(holds)});
-  }
-
-  void add_for_targets(std::string name, std::function<bool(const Vector3d&)> holds) {
-    add(std::move(name), [holds = std::move(holds)](const Posture& posture) {
-      return std::all_of(posture.targets.begin(), posture.targets.end(), holds);
-    });
-  }
-
-  void add_sums() {
-    for (const JointSum& sum : cell_.sums) {
-      add("range of " + sum.name, [&sum](const Posture& posture) {
-        const double value = sum.weights.dot(posture.q) + sum.offset;
-        return value >= sum.lower && value <= sum.upper;
-      });
-    }
-  }
-
-  void add_room() {
-    if (cell_.box.lower.maxCoeff() > -std::numeric_limits<double>::infinity() ||
-        cell_.box.upper.minCoeff() < std::numeric_limits<double>::infinity()) {
-      add_for_targets("workspace box", [this](const Vector3d& p) { return contains(cell_.box, p); });
-    }
-    if (cell_.height) {
-      add_for_targets("least height " + whole_micrometres(*cell_.height),
-                      [this](const Vector3d& p) { return p.z() >= *cell_.height; });
-    }
-    if (cell_.radius) {
-      const Vector3d point = to_eigen(robot_.joints.front().origin.p);
-      const Vector3d axis = to_eigen(robot_.joints.front().origin.M * robot_.joints.front().axis);
-      add_for_targets("least radius " + whole_micrometres(*cell_.radius), [this, point, axis](const Vector3d& p) {
-        return (p - point).cross(axis).norm() >= *cell_.radius;
-      });
-    }
-  }
-
-  // Adds a zone that targets and body must not touch; `distance` is that of a segment from the zone.
-  template <class Distance>
-  void add_zone(const std::string& name, Distance distance) {
-    add(name, [this, distance](const Posture& posture) {
-      for (const Vector3d& target : posture.targets) {
-        if (distance(target, target) <= 0.0) {
-          return false;
-        }
-      }
-      for (std::size_t i = 0; i < posture.body.size(); ++i) {
-        if (distance(posture.body[i].first, posture.body[i].second) <= cell_.body[i].radius) {
-          return false;
-        }
-      }
-      return true;
-    });
-  }
-
-  void add_zones() {
-    for (std::size_t k = 0; k < cell_.out_spheres.size(); ++k) {
-      const Sphere& sphere = cell_.out_spheres[k];
-      add_zone(fmt::format("keep-out sphere {}", k + 1), [&sphere](const Vector3d& a, const Vector3d& b) {
-        return segment_distance(a, b, sphere.center) - sphere.radius;
-      });
-    }
-    for (std::size_t k = 0; k < cell_.out_boxes.size(); ++k) {
-      const Box& box = cell_.out_boxes[k];
-      add_zone(fmt::format("keep-out box {}", k + 1),
-               [&box](const Vector3d& a, const Vector3d& b) { return segment_distance(a, b, box); });
-    }
-  }
-
-  void add_clearance() {
-    if (!cell_.clearance) {
-      return;
-    }
-    auto wanted = pairs_to_keep_apart(robot_, cell_.body, *cell_.clearance);
-    if (wanted.empty() && !pairs_to_keep_apart(robot_, cell_.body, 0.0).empty()) {
-      throw InputError("clearance " + whole_micrometres(*cell_.clearance) +
-                       ": no two parts of the arm are ever so far apart, expected less");
-    }
-    add("clearance " + whole_micrometres(*cell_.clearance), [this, pairs = std::move(wanted)](const Posture& posture) {
-      return std::all_of(pairs.begin(), pairs.end(), [&](const auto& pair) {
-        const auto& first = posture.body[pair.first];
-        const auto& second = posture.body[pair.second];
-        const double distance = segment_distance(first.first, first.second, second.first, second.second);
-        return distance - cell_.body[pair.first].radius - cell_.body[pair.second].radius >= *cell_.clearance;
-      });
-    });
-  }
-
-  void add_tracker() {
-    if (!cell_.tracker) {
-      return;
-    }
-    const Tracker& tracker = *cell_.tracker;
-    if (tracker.least_distance > 0.0 || tracker.greatest_distance < std::numeric_limits<double>::infinity()) {
-      add_for_targets("distance from the tracker", [&tracker](const Vector3d& p) {
-        const double distance = (p - tracker.position).norm();
-        return distance >= tracker.least_distance && distance <= tracker.greatest_distance;
-      });
-    }
-    if (!cell_.facing.empty() && tracker.acceptance < std::numbers::pi) {
-      add("acceptance angle " + degrees(tracker.acceptance),
-          [this](const Posture& posture) { return faces_tracker(posture); });
-    }
-    add("line of sight", [this](const Posture& posture) {
-      for (std::size_t t = 0; t < targets_.size(); ++t) {
-        if (!is_visible(posture, t)) {
-          return false;
-        }
-      }
-      return true;
-    });
-  }
-
-  bool faces_tracker(const Posture& posture) const {
-    for (std::size_t t = 0; t < targets_.size(); ++t) {
-      const Vector3d facing = posture.frames.back().linear() * cell_.facing[t];
-      const Vector3d beam = cell_.tracker->position - posture.targets[t];
-      if (facing.norm() > 0.0 && facing.dot(beam) < std::cos(cell_.tracker->acceptance) * facing.norm() * beam.norm()) {
-        return false;
-      }
-    }
-    return true;
-  }
-
-  bool is_visible(const Posture& posture, std::size_t t) const {
-    const Vector3d& from = cell_.tracker->position;
-    const Vector3d& to = posture.targets[t];
-    for (std::size_t i = 0; i < cell_.body.size(); ++i) {
-      const Capsule& capsule = cell_.body[i];
-      const auto& [a, b] = posture.body[i];
-      // The parts that carry the target may enclose it.
-      const bool carries = capsule.frame == robot_.chain.getNrOfSegments() || !moves_against_flange(capsule.frame);
-      if (capsule.tool || (carries && segment_distance(a, b, to) <= capsule.radius)) {
-        continue;
-      }
-      if (segment_distance(a, b, from, to) < capsule.radius) {
-        return false;
-      }
-    }
-    const auto sphere_blocks = [&](const Sphere& sphere) {
-      return (from - sphere.center).norm() > sphere.radius && segment_distance(from, to, sphere.center) < sphere.radius;
-    };
-    const auto box_blocks = [&](const Box& box) {
-      return !contains(box, from) && segment_distance(from, to, box) <= 0.0;
-    };
-    return std::none_of(cell_.out_spheres.begin(), cell_.out_spheres.end(), sphere_blocks) &&
-           std::none_of(cell_.out_boxes.begin(), cell_.out_boxes.end(), box_blocks);
-  }
-
-  bool moves_against_flange(std::size_t frame) const {
-    for (auto s = static_cast<unsigned>(frame); s < robot_.chain.getNrOfSegments(); ++s) {
-      if (robot_.chain.getSegment(s).getJoint().getType() != KDL::Joint::Fixed) {
-        return true;
-      }
-    }
-    return false;
-  }
-
-  const Robot& robot_;
-  const std::vector<TargetFrame>& targets_;
-  const Cell& cell_;
-  std::vector<Constraint> constraints_;
-};
+constexpr long kTracedSamples = 2000;       // from which the causes of refusals are told
 
 VectorXd sample(const Robot& robot, const JointRanges& ranges, const CandidateOptions& options, std::uint64_t stream) {
   Random random(options.seed, stream);
@@ -323,13 +51,78 @@ void count_refusals(std::uint64_t bits, std::vector<Refusals>& refusals) {
   }
 }
 
+// The pair of links that is the closest in most of these samples, which the clearance rejects.
+class ClosestLinks {
+public:
+  void add(const CellConstraints& constraints, std::uint64_t bits, const VectorXd& q) {
+    if (constraints.clearance() < constraints.names().size() && (bits >> constraints.clearance() & 1U) != 0) {
+      ++counts_[constraints.closest_links(q)];
+    }
+  }
+  std::string most_frequent() const {
+    const auto most = std::max_element(counts_.begin(), counts_.end(),
+                                       [](const auto& a, const auto& b) { return a.second < b.second; });
+    return most == counts_.end() ? std::string() : most->first;
+  }
+
+private:
+  std::map<std::string, long> counts_;
+};
+
+// A joint's range in twenty parts of equal length, and which of them candidates use.
+class RangeParts {
+public:
+  RangeParts(const std::pair<double, double>& range, const VectorXd& values)
+      : lower_(range.first), width_((range.second - range.first) / kParts) {
+    constexpr double kHardlyAny = 0.1;  // of what a part would hold if the candidates were spread evenly
+    std::array<double, kParts> counts{};
+    for (const double value : values) {
+      counts.at(part_of(value)) += 1.0;
+    }
+    for (std::size_t part = 0; part < kParts; ++part) {
+      used_.at(part) = !(width_ > 0.0) || counts.at(part) * kParts >= kHardlyAny * static_cast<double>(values.size());
+    }
+  }
+
+  double share() const { return static_cast<double>(std::count(used_.begin(), used_.end(), true)) / kParts; }
+  bool are_used_at(double value) const { return used_.at(part_of(value)); }
+
+  std::vector<std::pair<double, double>> left_out() const {
+    std::vector<std::pair<double, double>> result;
+    for (std::size_t part = 0; part < kParts; ++part) {
+      const double start = lower_ + width_ * static_cast<double>(part);
+      if (used_.at(part)) {
+        continue;
+      }
+      if (part > 0 && !used_.at(part - 1)) {
+        result.back().second = start + width_;
+      } else {
+        result.emplace_back(start, start + width_);
+      }
+    }
+    return result;
+  }
+
+private:
+  static constexpr std::size_t kParts = 20;
+
+  std::size_t part_of(double value) const {
+    const double part = width_ > 0.0 ? (value - lower_) / width_ : 0.0;
+    return static_cast<std::size_t>(std::clamp(part, 0.0, static_cast<double>(kParts - 1)));
+  }
+
+  double lower_;
+  double width_;
+  std::array<bool, kParts> used_{};
+};
+
 [[noreturn]] void fail_for_too_few(const Candidates& found, std::size_t passed, int wanted) {
   std::string message =
       fmt::format("the constraints leave {} of {} sampled configurations, expected {}", passed, found.samples, wanted);
   for (std::size_t k = 0; k < found.refusals.size(); ++k) {
     const Refusals& refusals = found.refusals[k];
-    message += fmt::format("{}{} removes {} ({} alone)", k == 0 ? "; " : ", ", refusals.constraint, refusals.samples,
-                           refusals.alone);
+    message += fmt::format("{}{} removes {} ({} alone{})", k == 0 ? "; " : ", ", refusals.constraint, refusals.samples,
+                           refusals.alone, refusals.links.empty() ? "" : "; mostly between " + refusals.links);
   }
   throw InputError(message);
 }
@@ -339,10 +132,10 @@ void count_refusals(std::uint64_t bits, std::vector<Refusals>& refusals) {
 Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell,
                       const CandidateOptions& options) {
   require_at_least("candidates", options.count, 0);
-  const Constraints constraints(robot, targets, cell);
+  const CellConstraints constraints(robot, targets, cell);
   Candidates found;
-  for (const Constraint& constraint : constraints.all()) {
-    found.refusals.push_back({.constraint = constraint.name});
+  for (const std::string& name : constraints.names()) {
+    found.refusals.push_back({.constraint = name});
   }
   const long most = options.most_samples > 0 ? options.most_samples : 100'000 + 200L * options.count;
   found.joint_values.resize(static_cast<Eigen::Index>(cell.ranges.size()), options.count);
@@ -364,20 +157,57 @@ Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& target
       }
     }
   }
+  if (constraints.clearance() < found.refusals.size()) {
+    ClosestLinks links;
+    for (long k = 0; k < std::min(found.samples, kTracedSamples); ++k) {
+      const VectorXd q = sample(robot, cell.ranges, options, static_cast<std::uint64_t>(k));
+      links.add(constraints, constraints.violations(q), q);
+    }
+    found.refusals[constraints.clearance()].links = links.most_frequent();
+  }
   if (passed < options.count) {
     fail_for_too_few(found, static_cast<std::size_t>(passed), options.count);
   }
   return found;
 }
 
+std::vector<NarrowedRange> narrowed_ranges(const Robot& robot, const std::vector<TargetFrame>& targets,
+                                           const Cell& cell, const Candidates& drawn, std::uint64_t seed) {
+  const CellConstraints constraints(robot, targets, cell);
+  std::vector<NarrowedRange> narrowed;
+  for (const std::size_t joint : independent_joints(robot.joints)) {
+    const RangeParts parts(cell.ranges[joint], drawn.joint_values.row(static_cast<Eigen::Index>(joint)));
+    if (parts.share() >= 0.5 || constraints.names().empty()) {
+      continue;
+    }
+    std::vector<Refusals> refusals(constraints.names().size());
+    ClosestLinks links;
+    for (long k = 0; k < kTracedSamples; ++k) {
+      const VectorXd q = sample(robot, cell.ranges, {.seed = seed}, static_cast<std::uint64_t>(k));
+      if (!parts.are_used_at(q[static_cast<Eigen::Index>(joint)])) {
+        const std::uint64_t bits = constraints.violations(q);
+        count_refusals(bits, refusals);
+        links.add(constraints, bits, q);
+      }
+    }
+    const auto most = std::max_element(refusals.begin(), refusals.end(),
+                                       [](const Refusals& a, const Refusals& b) { return a.samples < b.samples; });
+    const auto place = static_cast<std::size_t>(most - refusals.begin());
+    most->constraint = constraints.names()[place];
+    most->links = place == constraints.clearance() ? links.most_frequent() : "";
+    narrowed.push_back({.joint = joint, .share = parts.share(), .left_out = parts.left_out(), .cause = *most});
+  }
+  return narrowed;
+}
+
 std::vector<std::string> violated(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell,
                                   const VectorXd& q) {
-  const Constraints constraints(robot, targets, cell);
+  const CellConstraints constraints(robot, targets, cell);
   const std::uint64_t bits = constraints.violations(q);
   std::vector<std::string> names;
-  for (std::size_t k = 0; k < constraints.all().size(); ++k) {
+  for (std::size_t k = 0; k < constraints.names().size(); ++k) {
     if ((bits >> k & 1U) != 0) {
-      names.push_back(constraints.all()[k].name);
+      names.push_back(constraints.names()[k]);
     }
   }
   return names;

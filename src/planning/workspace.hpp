@@ -6,6 +6,7 @@
 #include <numbers>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
@@ -55,6 +56,8 @@ struct Refusals {
   std::string constraint;
   long samples = 0;  ///< rejected by it
   long alone = 0;    ///< rejected by it only
+  /// Of a clearance: "base_link and link_3", the two links that are most often the closest in rejected samples.
+  std::string links = {};
 };
 
 struct CandidateOptions {
@@ -79,6 +82,18 @@ struct Candidates {
 /// constraint), an empty range, sizes that do not fit the robot.
 Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell,
                       const CandidateOptions& options = {});
+
+/// A joint that the constraints keep from more than half of its range.
+struct NarrowedRange {
+  std::size_t joint = 0;
+  double share = 0.0;                               ///< of the range, in twentieths, that candidates use
+  std::vector<std::pair<double, double>> left_out;  ///< [rad] or [m] parts of the range with hardly any candidate
+  Refusals cause;                                   ///< the constraint that rejects most samples there
+};
+
+/// The narrowed ranges of independent joints. `drawn` has candidates of this cell, which were drawn with `seed`.
+std::vector<NarrowedRange> narrowed_ranges(const Robot& robot, const std::vector<TargetFrame>& targets,
+                                           const Cell& cell, const Candidates& drawn, std::uint64_t seed);
 
 /// Names of the constraints that joint values `q` violate.
 std::vector<std::string> violated(const Robot& robot, const std::vector<TargetFrame>& targets, const Cell& cell,

@@ -234,7 +234,13 @@ Json provenance_json(const Provenance& provenance) {
   for (const auto& [key, value] : provenance.notes) {
     notes[key] = value;
   }
+  Json options = Json::object();
+  for (const auto& [key, value] : provenance.options) {
+    options[key] = value;
+  }
   return {{"notes", notes},
+          {"options", options},
+          {"planned_cell", provenance.planned_cell},
           {"files_read", files_json(provenance.files_read)},
           {"files_written", files_json(provenance.files_written)}};
 }

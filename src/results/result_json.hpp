@@ -19,7 +19,9 @@ struct HashedFile {
 
 /// Origin of a result, stated by the caller.
 struct Provenance {
-  std::vector<std::pair<std::string, std::string>> notes;  ///< free text: serial number, payload, …
+  std::vector<std::pair<std::string, std::string>> notes;    ///< free text: serial number, payload, …
+  std::vector<std::pair<std::string, std::string>> options;  ///< of kdlcal: how the measurements were read
+  std::string planned_cell;                                  ///< options of the plan that was measured
   std::vector<HashedFile> files_read;
   std::vector<HashedFile> files_written;
 };

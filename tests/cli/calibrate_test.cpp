@@ -259,11 +259,12 @@ std::vector<OptionCase> noise_options() {
        kMeasured + Words{"--k-fold", "3"}},
       {"NestedAddsOneWithTheChoicesMadeAnew",
        {"--nested"},
-       all_checks(is_library([](auto& o) {
-                    o.validation = {.leave_one_out = true, .nested = true};
-                    o.selection.automatic_priors = true;
-                  }),
-                  changes_only({"position_error/nested_leave_one_out"})),
+       all_checks(
+           is_library([](auto& o) {
+             o.validation = {.leave_one_out = true, .nested = true};
+             o.selection.automatic_priors = true;
+           }),
+           changes_only({"position_error/nested_leave_one_out", "new_point/compensated", "new_point/urdf_alone"})),
        kOfM + kNoEffects + Words{"--leave-one-out", "--prior", "auto"}},
       {"KFoldAddsAPrediction",
        {"--k-fold", "2"},
@@ -343,6 +344,19 @@ std::vector<OptionCase> file_options() {
        },
        kMeasured},
       {"NoteStandsInTheResult", {"--note", "serial=7"}, changes_only({"provenance/notes/serial"}), kMeasured},
+      // Of n configurations an RMS is uncertain by rms / sqrt(2 n): twice that is more than the tenth that is free.
+      {"GuardKeepsALimitByTheUncertaintyOfTheNumber",
+       {"--guard", "2"},
+       [](const Effect& effect) {
+         const Json& with = effect.with.json["requirements"][0];
+         const double rms = effect.with.json["position_error"]["train"]["after"]["rms"];
+         EXPECT_GT(with["uncertainty"].get<double>(), rms / std::sqrt(2.0 * 16.0) * 0.99);
+         EXPECT_TRUE(effect.without.json["requirements"][0]["fulfilled"].get<bool>());
+         EXPECT_EQ(effect.without.outcome.status, 0);
+         EXPECT_LT(rms + 2.0 * with["uncertainty"].get<double>(), 1e-3);
+         EXPECT_TRUE(with["fulfilled"].get<bool>());
+       },
+       kMeasured + Words{"--require", "train.rms<=1mm"}},
       {"RequireDecidesTheStatus",
        {"--require", "rank<21"},
        [](const Effect& effect) {

@@ -46,7 +46,7 @@ std::vector<Way> ways() {
            .inputs = kRobots + kMeasurements + std::vector<Input>{measurements, {"--result", "r.json"}}},
           {.words = {"validate"}, .outputs = {}, .inputs = {{"--truth", "truth.json"}}},  // writes nothing
           {.words = words_of("report --result r.json"),
-           .outputs = {"--output"},
+           .outputs = {"--output", "--pdf"},
            .inputs = kRobots + kMeasurements + std::vector<Input>{measurements, {"--result", "r.json"}}},
           {.words = {"simulate"},
            .outputs = {"--output", "--truth"},
@@ -59,6 +59,7 @@ std::vector<Way> ways() {
           {.words = {"plan"},
            .outputs = {"--output", "--program", "--report"},
            .inputs = kRobots + std::vector<Input>{{"--measured", "m.csv", {"--add", "1"}},
+                                                  {"--joints-file", "joints.csv", {"--measured", "m.csv"}},
                                                   {"--result", "r.json"},
                                                   {"--tasks", "plan.csv"},
                                                   {"--target-file", "targets.json"},
@@ -91,7 +92,15 @@ std::vector<Way> ways() {
           {.words = words_of("import --ur-calibration ur.conf"),
            .outputs = {"--output"},
            .inputs = kRobots + std::vector<Input>{{"--ur-calibration", "ur.conf"}}},
-          {.words = words_of("compare r.json r2.json"), .outputs = {"--report"}, .inputs = kRobots},
+          {.words = words_of("compare r.json r2.json"),
+           .outputs = {"--report"},
+           .inputs = kRobots + std::vector<Input>{{"--joint-convention", "serial.json"}}},
+          {.words = words_of("apply --result r.json --mastering-entered entered.csv"),
+           .outputs = {"--output", "--output-urdf"},
+           .needs_output = true,
+           .inputs = kRobots + std::vector<Input>{{"--result", "r.json"},
+                                                  {"--mastering-entered", "entered.csv"},
+                                                  {"--joint-convention", "serial.json"}}},
           {.words = words_of("jacobian --identification --configuration-file plan.csv"),
            .outputs = {"--output"},
            .inputs = kRobots + std::vector<Input>{{"--configuration-file", "plan.csv"},
@@ -121,6 +130,7 @@ protected:
       for (const char* name : {"plan.csv", "joints.csv", "tip.csv", "user.csv"}) {
         write(name, joints);
       }
+      write("entered.csv", "joint,added,unit\njoint_2,0.01,deg\n");
       write("poses.csv", "x,y,z,qw,qx,qy,qz\n1.5,0,1,1,0,0,0\n");
       write("targets.json", R"({"targets": [{"name": "A", "position": [0.1, 0, 0.2]}]})");
       write("sockets.json", R"({"targets": [{"name": "1", "position": [0, 0, 0]},

@@ -16,6 +16,7 @@ namespace kdl_calibration::testing::plan_test::options {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 /// Chosen joint values, one column each.
 Eigen::MatrixXd chosen(const Answer& answer) {
@@ -110,6 +111,7 @@ Check keeps_choice() {
 }
 
 const Words kTasks = {"--tasks", "tasks.csv"};
+const Words kPlate = {"--targets", "1", "--stations", "4", "--configurations", "40", "--sockets", "sockets.json"};
 const Words kTracker = {"--tracker", "4,2,1"};
 const Eigen::Vector3d kStand(4.0, 2.0, 1.0);
 const Words kTable = {"--arm-radius", "0.1", "--keep-out-box", "1,-3,-1,3,3,0.8"};
@@ -143,6 +145,12 @@ std::vector<OptionCase> number_options() {
          EXPECT_NE(at(effect.with.json, kMean), at(effect.without.json, kMean));
        },
        {"--measured", "angles.csv"}},
+      {"JointsFileHasTheJointValues", {"--joints-file", "joints.csv"}, is_needed(), {"--measured", "points.csv"}},
+      {"PointNamesTellConfigurationAndTarget",
+       {"--point-names", "C{configuration}_{target}"},
+       is_needed(),
+       {"--measured", "named.csv", "--joints-file", "joints.csv"}},
+      {"ExcludeLeavesConfigurationsOut", {"--exclude", "1,2,3,4"}, raises(kMean), {"--measured", "m.csv"}},
       {"AddIsHowManyMore", {"--add", "5"}, counts("/configurations", 30, 5), {"--measured", "m.csv"}},
       {"AccuracyIsReachedWithAsFewAsPossible",
        {"--accuracy", "0.04"},
@@ -318,6 +326,32 @@ std::vector<OptionCase> robot_options() {
          EXPECT_EQ(read.configurations.size(), 40U);
        },
        {"--targets", "1", "--stations", "4", "--configurations", "40"}},
+      {"PlateHorizontalLeavesATurnAboutTheVertical",
+       {"--plate-horizontal"},
+       [](const Effect& effect) {
+         const auto is_level = [](const Json& place) {
+           return std::hypot(place["quaternion_wxyz"][1].get<double>(), place["quaternion_wxyz"][2].get<double>()) <
+                  1e-9;
+         };
+         const Json with = effect.with.json["stations"];
+         const Json without = effect.without.json["stations"];
+         EXPECT_TRUE(std::all_of(with.begin(), with.end(), is_level));
+         EXPECT_TRUE(std::none_of(without.begin(), without.end(), is_level));
+       },
+       kPlate},
+      {"PlateHeightsAreOfItsOrigin",
+       {"--plate-heights", "0.9:1.1"},
+       [](const Effect& effect) {
+         const auto is_there = [](const Json& place) {
+           const double height = place["position"][2].get<double>();
+           return height >= 0.9 && height <= 1.1;
+         };
+         const Json with = effect.with.json["stations"];
+         const Json without = effect.without.json["stations"];
+         EXPECT_TRUE(std::all_of(with.begin(), with.end(), is_there));
+         EXPECT_FALSE(std::all_of(without.begin(), without.end(), is_there));
+       },
+       kPlate},
       {"DirectionsHideSomeOfTheBase", {"--directions", "xz"}, turns("/stations/0/determined_directions", nullptr, 5)},
       {"OutputIsThePlan",
        {"--output", "p.csv"},
@@ -327,6 +361,18 @@ std::vector<OptionCase> robot_options() {
          EXPECT_LT((read.joint_values - chosen(effect.with)).cwiseAbs().maxCoeff(), 1e-10);
          EXPECT_EQ(read.targets.size(), 3U);
        }},
+      {"DecimalCommaIsForSpreadsheets",
+       {"--decimal-comma"},
+       [](const Effect& effect) {
+         const std::string& text = effect.with.files.at("p.csv");
+         EXPECT_THAT(text, HasSubstr("configuration;target;joint_1[deg];"));
+         EXPECT_THAT(text.substr(text.find("\n1;")), Not(HasSubstr(".")));
+         const Measurements with = parse_configurations(text, joint_names(arm()));
+         const Measurements without = parse_configurations(effect.without.files.at("p.csv"), joint_names(arm()));
+         EXPECT_EQ(with.joint_values, without.joint_values);
+         EXPECT_EQ(with.targets, without.targets);
+       },
+       {"--output", "p.csv"}},
       {"ReportShowsThePlan",
        {"--report", "p.html"},
        all_checks(writes_page_of_json("p.html"),
@@ -369,6 +415,9 @@ const std::map<std::string, std::string>& input_files() {
        R"({"targets": [{"name": "1", "position": [0, 0, 0]}, {"name": "2", "position": [0.1, 0, 0]}]})"},
       {"coupled.json", kArmCoupled},
       {"m.csv", measurements_csv(measured_fanuc({.sigma = 3e-5}, false, arm()))},
+      {"joints.csv", joints_csv(measured_fanuc({.sigma = 3e-5}, false, arm()))},
+      {"points.csv", points_csv(measured_fanuc({.sigma = 3e-5}, false, arm()), false)},
+      {"named.csv", points_csv(measured_fanuc({.sigma = 3e-5}, false, arm()), true)},
       {"angles.csv", angles_csv(measured_fanuc({.sigma = 3e-5, .orientation_sigma = 1e-4}, true, arm()))},
       {"targets.json", R"({"targets": [{"name": "P", "position": [0.1, 0.2, 0], "facing": [0, 1, 0]},
     {"name": "Q", "position": [-0.1, 0.2, 0.1]}]})"},
@@ -395,7 +444,10 @@ TEST_P(PlanOption, HasItsEffectAndNoOther) {
                                                                                     {"--workspace", "40"},
                                                                                     {"--starts", "1"},
                                                                                     {"--threads", "1"}}) {
-    const bool counts = (option == "--add" || option == "--sockets") && name == "--configurations";
+    const Words& base = GetParam().base;
+    const bool counts = (option == "--add" || option == "--sockets" ||
+                         std::find(base.begin(), base.end(), "--configurations") != base.end()) &&
+                        name == "--configurations";
     command = option == name || counts ? command : command + Words{name, value};
   }
   command = option == "--json" ? command : command + Words{"--json"};
@@ -413,6 +465,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 class PlanCommand : public CommandLine {
 protected:
@@ -440,7 +493,7 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("configuration,target,J1[deg],J2[deg]"));
   EXPECT_THAT(text_of("plan.csv"), HasSubstr("home pose"));
   expect_refused({"calibrate", "--measurements", "plan.csv", "--joint-convention", convention},
-                 {"plan.csv:4: x[m]", "empty"});
+                 {"plan.csv:5: x[m]", "empty"});
 
   // Drive the plan on a virtual robot, and calibrate it.
   const Outcome simulated = run({"simulate", "--plan", "plan.csv", "--joint-convention", convention, "--noise", "3e-5",
@@ -458,6 +511,59 @@ TEST_F(PlanCommand, PlansAnExperimentThatCalibrates) {
   ASSERT_EQ(added["configurations"].size(), 5U);
   EXPECT_TRUE(added["sigma"]["floor"].is_null());
   EXPECT_EQ(added["configurations"][0]["configuration"], "41");
+}
+
+// The cell is written into the plan, read from the measurements and named in the command on the page.
+TEST_F(PlanCommand, TheCellOfAPlanComesBackInTheCommandThatPlansMore) {
+  const Words cell = words_of(
+      "--frame base --least-height 0.2 --keep-out-box -5,2.2,-1,5,5,5 --keep-out-box "
+      "-5,-5,-1,-2.2,5,5 --arm-radius 0.1 --joint-range joint_5=-100:100");
+  ASSERT_EQ(run(with(Words{"--configurations", "16", "--output", "plan.csv"} + cell)).status, 0);
+  EXPECT_THAT(text_of("plan.csv"),
+              HasSubstr("# Cell: --frame base --joint-range joint_5=-100:100 --least-height 0.2 --keep-out-box "
+                        "-5,2.2,-1,5,5,5 --keep-out-box -5,-5,-1,-2.2,5,5 --arm-radius 0.1\n"));
+  succeed(words_of("simulate --plan plan.csv --noise 3e-5 --output bare.csv"));
+  // A spreadsheet fills up the line, and the user has written the points below it.
+  const std::string plan = text_of("plan.csv");
+  const std::string note = plan.substr(plan.find("# Cell"), plan.find('\n', plan.find("# Cell")) - plan.find("# Cell"));
+  write("m.csv", note + ",,,,\n" + text_of("bare.csv"));
+  succeed(
+      words_of("calibrate --measurements m.csv --effects none --prior none --noise equal --result r.json "
+               "--report r.html"));
+  const std::string command = data_of_page(text_of("r.html"))["plan_command"];
+  EXPECT_THAT(command, HasSubstr(note.substr(8) + " --add 10"));
+  // It works as it stands, and without the cell there is a warning.
+  Words again = words_of(command.substr(std::string("kdlcal ").size()));
+  again[again.size() - 1] = "more.csv";
+  const Outcome more = run(again + words_of("--candidates 100 --workspace 50 --starts 2"));
+  EXPECT_EQ(more.status, 0) << more.err;
+  EXPECT_THAT(more.err, Not(HasSubstr("was planned with")));
+  const Outcome bare = run(with(words_of("--measured m.csv --add 10")));
+  EXPECT_THAT(bare.err, HasSubstr("m.csv was planned with " + note.substr(8)));
+}
+
+TEST_F(PlanCommand, APlanOfTouchesOrSingleCoordinatesIsRehearsedAsPlanned) {
+  write("sockets.json",
+        R"({"targets": [{"name": "1", "position": [0, 0, 0]}, {"name": "2", "position": [0.4, 0, 0]}]})");
+  ASSERT_EQ(
+      run(with(words_of("--configurations 40 --targets 1 --stations 4 --sockets sockets.json --output t.csv"))).status,
+      0);
+  succeed(words_of("simulate --plan t.csv --noise 2e-5 --length-sigma 1e-3 --angle-sigma 1e-3 --output m.csv"));
+  const Measurements touches = read_measurements(fanuc(), directory / "m.csv");
+  const Measurements planned = read_measurements(fanuc(), directory / "t.csv");
+  ASSERT_EQ(touches.observations.size(), 40U);
+  EXPECT_EQ(touches.stations, planned.stations);
+  for (std::size_t i = 0; i < 40; ++i) {
+    EXPECT_EQ(touches.observations[i].position(), planned.observations[i].position());
+    EXPECT_EQ(touches.observations[i].station, planned.observations[i].station);
+  }
+  EXPECT_LT((touches.joint_values - planned.joint_values).cwiseAbs().maxCoeff(), 0.1);
+  expect_refused(words_of("simulate --plan t.csv --repeats 2"), {"--plan", "each once"});
+  ASSERT_EQ(run(with(words_of("--configurations 40 --stations 3 --directions z --output z.csv"))).status, 0);
+  succeed(words_of("simulate --plan z.csv --output zm.csv"));
+  const Measurements heights = read_measurements(fanuc(), directory / "zm.csv");
+  EXPECT_EQ(heights.stations.size(), 3U);
+  EXPECT_EQ(dimension(heights.observations.front().reading), 1);
 }
 
 // A wall in front of the robot: x of the pendant, y of the URDF.

@@ -48,7 +48,8 @@ TEST(PagesOfKdlcal, OfAPlanShowChosenAndOtherPlacesTheTrackerAndWhatFewerWouldGi
   request.starts = 1;
   request.threads = 1;
   const Plan plan = make_plan(request);
-  const Json data = expect_page(cli::plan_page({{"x", 1}}, request, plan, kSetup), "plan", {{"x", 1}});
+  const Json data =
+      expect_page(cli::plan_page({{"x", 1}}, {.request = request, .plan = plan, .setup = kSetup}), "plan", {{"x", 1}});
   EXPECT_EQ(data["setup"], Json::parse(R"([["robot", "an arm"], ["seed", "7"]])"));
   EXPECT_EQ(data["tracker"], Json::parse("[9.0, -8.0, 7.0]"));
   EXPECT_EQ(data["robot"]["targets"].size(), 2U);
@@ -77,7 +78,8 @@ TEST(PagesOfKdlcal, OfAPlanShowChosenAndOtherPlacesTheTrackerAndWhatFewerWouldGi
   }
   request.cell.tracker.reset();
   const JointConvention pendant = read_joint_convention(std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json");
-  const Json other = expect_page(cli::plan_page({}, request, plan, {}, &pendant), "plan", {});
+  const Json other = expect_page(
+      cli::plan_page({}, {.request = request, .plan = plan, .setup = {}, .convention = &pendant}), "plan", {});
   EXPECT_FALSE(other.contains("tracker"));
   EXPECT_EQ(other["joints"][2]["name"], "J3");
   const Json& first = other["configurations"][0];  // q3 = J3 + J2, q2 = -J2

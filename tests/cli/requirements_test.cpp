@@ -167,15 +167,20 @@ TEST(PlanCommandText, TheCommandThatPlansNamesTheFilesOfTheResult) {
   EXPECT_EQ(cli::shell_word(""), "''");
   EXPECT_EQ(cli::shell_word("it's $HOME"), "'it'\\''s $HOME'");
   const Json full = Json::parse(R"({"input": {"urdf": "r.urdf", "base": "b", "tip": "t", "measurements": "my m.csv"},
-    "provenance": {"files_read": [{"role": "urdf", "path": "x"}, {"role": "joint-convention", "path": "c.json"}]}})");
+    "provenance": {"files_read": [{"role": "urdf", "path": "x"}, {"role": "joint-convention", "path": "c.json"},
+      {"role": "joints-file", "path": "j.csv"}], "options": {"--point-names": "C{configuration} {target}", "--x": "y"},
+      "planned_cell": "--frame world --keep-out-box -1,2,3,4,5,6"}})");
   EXPECT_EQ(cli::plan_command(full),
-            "kdlcal plan --urdf r.urdf --base b --tip t --joint-convention c.json --measured 'my m.csv' --add 10 "
-            "--output plan.csv");
+            "kdlcal plan --urdf r.urdf --base b --tip t --joint-convention c.json --measured 'my m.csv' "
+            "--joints-file j.csv --point-names 'C{configuration} {target}' --frame world --keep-out-box -1,2,3,4,5,6 "
+            "--add 10 --output plan.csv");
   const std::string least = "kdlcal plan --measured m.csv --add 10 --output plan.csv";
   for (const char* odd :
        {R"({"input": {"measurements": "m.csv"}})",
         R"({"input": {"measurements": "m.csv", "urdf": 5, "base": null}, "provenance": 7})",
         R"({"input": {"measurements": "m.csv"}, "provenance": {"files_read": {"role": "x"}}})",
+        R"({"input": {"measurements": "m.csv"}, "provenance": {"options": 3, "planned_cell": "--box $id;x"}})",
+        R"({"input": {"measurements": "m.csv"}, "provenance": {"planned_cell": "--output x"}})",
         R"({"input": {"measurements": "m.csv"}, "provenance": {"files_read": [3, {"path": "p"}]}})"}) {
     EXPECT_EQ(cli::plan_command(Json::parse(odd)), least) << odd;
   }

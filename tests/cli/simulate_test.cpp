@@ -224,6 +224,8 @@ std::vector<OptionCase> draw_options() {
 }
 
 // NOLINTNEXTLINE(readability-function-size): a table
+const Words kPlate = {"--targets", "1", "--stations", "2", "--sockets", "sockets.json"};
+
 std::vector<OptionCase> experiment_options() {
   return {
       {"ConfigurationsAreToFit",
@@ -280,6 +282,24 @@ std::vector<OptionCase> experiment_options() {
          }
        },
        {"--targets", "1"}},
+      {"PlateHorizontalLeavesATurnAboutTheVertical",
+       {"--plate-horizontal"},
+       [](const Effect& effect) {
+         const auto level = [](const Json& base) {
+           return std::hypot(base["quaternion_wxyz"][1].get<double>(), base["quaternion_wxyz"][2].get<double>());
+         };
+         EXPECT_LT(level(effect.with.file("t.json")["stations"][0]), 1e-9);
+         EXPECT_GT(level(effect.without.file("t.json")["stations"][0]), 1e-3);
+       },
+       kPlate},
+      {"PlateHeightsAreOfItsOrigin",
+       {"--plate-heights", "1.5:1.6"},
+       [](const Effect& effect) {
+         const auto height = [](const Json& base) { return -base["position"][2].get<double>(); };  // it is level
+         EXPECT_GE(height(effect.with.file("t.json")["stations"][0]), 1.5);
+         EXPECT_LE(height(effect.with.file("t.json")["stations"][0]), 1.6);
+       },
+       kPlate + Words{"--plate-horizontal"}},
       {"DirectionsKeepTheirCoordinates",
        {"--directions", "xz"},
        [](const Effect& effect) {
@@ -433,6 +453,8 @@ TEST_P(SimulateOption, HasItsEffectAndNoOther) {
   write("coupled.json", kFanucCoupled);
   write("targets.json", R"({"targets": [{"name": "P", "position": [0, 0.2, 0]},
     {"name": "Q", "position": [0.3, 0, -0.4]}]})");
+  write("sockets.json",
+        R"({"targets": [{"name": "1", "position": [0, 0, 0]}, {"name": "2", "position": [0.1, 0, 0]}]})");
   write("plan.csv",
         "joint_1[deg],joint_2[deg],joint_3[deg],joint_4[deg],joint_5[deg],joint_6[deg]\n0,0,0,0,0,0\n"
         "10,-20,30,-40,50,-60\n");

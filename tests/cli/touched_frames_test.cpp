@@ -7,6 +7,7 @@
 #include "base/sha256.hpp"
 #include "cli_options_support.hpp"
 #include "kdl_calibration/result_file.hpp"
+#include "printed_text.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::touched_frames_test {

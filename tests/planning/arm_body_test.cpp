@@ -237,7 +237,7 @@ TEST(ArmBody, JointsWhoseAxesMeetWithinAMicrometreAreOneWrist) {
 
 // Slides along x, y and z between a point and a sphere. The third one goes half as far as the first one, so they come
 // 8 sqrt(1 + 1/4) m apart at most; without that 8 sqrt(2) m.
-TEST(ArmBody, AClearanceCanBeAskedForAsFarAsTheJointsGo) {
+TEST(ArmBody, AClearanceIsAskedOfPairsThatHaveItInATenthOfTheConfigurations) {
   const auto slide = [](const std::string& axis, const std::string& range, const std::string& mimic = "") {
     return testing::urdf::Part{"prismatic", "<axis xyz='" + axis + "'/>" + testing::urdf::limit(range) + mimic};
   };
@@ -245,9 +245,27 @@ TEST(ArmBody, AClearanceCanBeAskedForAsFarAsTheJointsGo) {
       parse_robot(testing::urdf::serial({slide("1 0 0", "-8:8"), slide("0 1 0", "-0.01:0.01"),
                                          slide("0 0 1", "-8:8", "<mimic joint='j1' multiplier='0.5'/>")}));
   const std::vector<Capsule> capsules = {{.link = "l0", .frame = 0}, {.link = "l3", .frame = 3, .radius = 0.25}};
-  const double farthest = 8.0 * std::sqrt(1.25) - 0.25;
-  EXPECT_EQ(pairs_to_keep_apart(robot, capsules, 0.98 * farthest).size(), 1U);
-  EXPECT_THAT(pairs_to_keep_apart(robot, capsules, farthest + 1e-4), ::testing::IsEmpty());
+  // The first slide is uniform, so a tenth of the configurations is beyond nine tenths of the way.
+  const auto apart = [](double share) { return share * 8.0 * std::sqrt(1.25) - 0.25; };
+  EXPECT_EQ(pairs_to_keep_apart(robot, capsules, apart(0.85)).size(), 1U);
+  EXPECT_THAT(pairs_to_keep_apart(robot, capsules, apart(0.95)), ::testing::IsEmpty());
+}
+
+// A box of 2 x 1 x 1 m in a link that stands at x = 3 m, turned by 90 degrees about z: it covers y from -1 to 1.
+TEST(ArmBody, ABoxIsAsFarAwayAsItsSides) {
+  const Capsule box{.link = "a",
+                    .a = {-0.5, 0.0, 0.0},
+                    .b = {0.5, 0.0, 0.0},
+                    .radius = 0.9,
+                    .box = LinkBox{.X_LB = Eigen::Isometry3d::Identity(), .box = {{-1, -0.5, -0.5}, {1, 0.5, 0.5}}}};
+  Eigen::Isometry3d X(Eigen::Translation3d(3.0, 0.0, 0.0));
+  X.rotate(Eigen::AngleAxisd(std::numbers::pi / 2.0, Vector3d::UnitZ()));
+  const Capsule rod{.link = "b", .a = {0.0, -1.0, 0.0}, .b = {0.0, 1.0, 0.0}, .radius = 0.25};
+  const Eigen::Isometry3d Y(Eigen::Translation3d(1.0, 0.0, 0.0));
+  EXPECT_NEAR(distance(box, X, rod, Y, 5.0), 1.25, 1e-12);  // 2.5 - 1 - 0.25
+  EXPECT_NEAR(distance(rod, Y, box, X, 5.0), 1.25, 1e-12);
+  EXPECT_NEAR(distance(box, X, rod, Y, 0.8), 0.85, 1e-12) << "the capsules are apart enough: 2 - 0.9 - 0.25";
+  EXPECT_EQ(distance(box, X, rod, Eigen::Isometry3d(Eigen::Translation3d(3.0, 0.0, 0.0)), 5.0), -0.25);
 }
 
 TEST(ArmBody, LeavesNeighboursAndTheWristToTheJointLimits) {

@@ -55,8 +55,22 @@ Cell full_cell(const Robot& robot) {
 struct Scene {
   std::vector<Vector3d> targets;
   KDL::Frame flange;
-  std::vector<std::vector<Vector3d>> axes;  // points along each capsule
+  std::vector<std::vector<Vector3d>> axes;    // points along each capsule
+  std::vector<std::vector<Vector3d>> shapes;  // points of the box in it, else the same
+  std::vector<KDL::Frame> links;
+
+  double radius(const Cell& cell, std::size_t c) const { return cell.body[c].box ? 0.0 : cell.body[c].radius; }
 };
+
+std::vector<Vector3d> points_of(const LinkBox& box, const KDL::Frame& X) {
+  std::vector<Vector3d> points;
+  for (int i = 0; i < 343; ++i) {
+    const Vector3d share(i % 7 / 6.0, i / 7 % 7 / 6.0, i / 49 / 6.0);
+    const Vector3d p = box.X_LB * (box.box.lower + share.cwiseProduct(box.box.upper - box.box.lower));
+    points.push_back(to_eigen(X * KDL::Vector(p.x(), p.y(), p.z())));
+  }
+  return points;
+}
 
 Scene scene(const Robot& robot, const Cell& cell, const Eigen::VectorXd& q) {
   KDL::ChainFkSolverPos_recursive solver(robot.chain);
@@ -76,6 +90,8 @@ Scene scene(const Robot& robot, const Cell& cell, const Eigen::VectorXd& q) {
       const Vector3d p = capsule.a + (capsule.b - capsule.a) * (i / 40.0);
       points.push_back(to_eigen(X * KDL::Vector(p.x(), p.y(), p.z())));
     }
+    result.links.push_back(X);
+    result.shapes.push_back(capsule.box ? points_of(*capsule.box, X) : points);
   }
   return result;
 }
@@ -122,9 +138,9 @@ void expect_out_of_zones(const Cell& cell, const Scene& now) {
 
 void expect_clearance(const Robot& robot, const Cell& cell, const Scene& now) {
   for (const auto& [i, j] : pairs_to_keep_apart(robot, cell.body, 0.05)) {
-    for (const Vector3d& p : now.axes[i]) {
-      for (const Vector3d& r : now.axes[j]) {
-        ASSERT_GE((p - r).norm() - cell.body[i].radius - cell.body[j].radius, 0.05 - 1e-9);
+    for (const Vector3d& p : now.shapes[i]) {
+      for (const Vector3d& r : now.shapes[j]) {
+        ASSERT_GE((p - r).norm() - now.radius(cell, i) - now.radius(cell, j), 0.05 - 1e-9);
       }
     }
   }
@@ -145,6 +161,11 @@ void expect_visible(const Cell& cell, const Scene& now) {
       EXPECT_GE((p - cell.out_spheres[0].center).norm(), 0.4 - 1e-9);
       EXPECT_FALSE(in_box(cell.out_boxes[0], p));
       for (std::size_t c = 0; c < now.axes.size(); ++c) {
+        if (const std::optional<LinkBox>& shape = cell.body[c].box) {
+          const KDL::Vector in_link = now.links[c].Inverse() * KDL::Vector(p.x(), p.y(), p.z());
+          ASSERT_FALSE(in_box(shape->box, shape->X_LB.inverse() * to_eigen(in_link)));
+          continue;
+        }
         for (const Vector3d& axis : now.axes[c]) {
           ASSERT_TRUE(cell.body[c].tool || (p - axis).norm() > cell.body[c].radius - 1e-9);
         }
@@ -308,6 +329,46 @@ TEST(WorkspaceLimits, SayHowManySamplesEachOfThemRemoves) {
   ASSERT_TRUE(std::regex_match(said, count, counts)) << said;
   EXPECT_NEAR(std::stoi(count[1]), 1500, 4.0 * std::sqrt(2000 * 0.75 * 0.25));
   EXPECT_EQ(std::stoi(count[1]) + std::stoi(count[2]), 2000);
+}
+
+// Only the quarter of the third slide's range above 4 m is used, which is five of twenty parts.
+TEST(WorkspaceLimits, AJointThatUsesLittleOfItsRangeIsNamedWithTheCause) {
+  Gantry g;
+  g.cell.height = 4.0;
+  g.cell.radius = 0.1;  // which rejects hardly any
+  const Candidates found = candidates(g.robot, g.targets, g.cell, {.count = 2000});
+  const std::vector<NarrowedRange> narrowed = narrowed_ranges(g.robot, g.targets, g.cell, found, 1);
+  ASSERT_EQ(narrowed.size(), 1U);
+  EXPECT_EQ(narrowed[0].joint, 2U);
+  EXPECT_DOUBLE_EQ(narrowed[0].share, 0.25);
+  ASSERT_EQ(narrowed[0].left_out.size(), 1U);
+  EXPECT_NEAR(narrowed[0].left_out[0].first, -8.0, 1e-12);
+  EXPECT_NEAR(narrowed[0].left_out[0].second, 4.0, 1e-12);
+  EXPECT_EQ(narrowed[0].cause.constraint, "least height 4000 mm");
+  EXPECT_EQ(narrowed[0].cause.links, "");
+  g.cell.height = -0.1;  // a little more than half is used
+  EXPECT_THAT(narrowed_ranges(g.robot, g.targets, g.cell, candidates(g.robot, g.targets, g.cell, {.count = 2000}), 1),
+              ::testing::IsEmpty());
+}
+
+// A plate below the flange that reaches further along x than the slide does: clear of it only above 5 m.
+TEST(WorkspaceLimits, AClearanceSaysWhichLinksItKeepsApart) {
+  Gantry g;
+  g.cell.body = {{.link = "l0", .frame = 0, .a = {-20.0, 0.0, 0.0}, .b = {20.0, 0.0, 0.0}, .radius = 0.1},
+                 {.link = "far", .frame = 0, .a = {-20.0, 0.0, -90.0}, .b = {20.0, 0.0, -90.0}, .radius = 0.1},
+                 {.link = "l3", .frame = 3, .a = {0.0, -20.0, 0.0}, .b = {0.0, 20.0, 0.0}, .radius = 0.1}};
+  g.cell.clearance = 4.8;
+  const Candidates found = candidates(g.robot, g.targets, g.cell, {.count = 2000});
+  ASSERT_EQ(found.refusals.size(), 1U);
+  EXPECT_EQ(found.refusals[0].links, "l0 and l3");
+  const std::vector<NarrowedRange> narrowed = narrowed_ranges(g.robot, g.targets, g.cell, found, 1);
+  ASSERT_EQ(narrowed.size(), 1U);
+  EXPECT_EQ(narrowed[0].joint, 2U);
+  EXPECT_EQ(narrowed[0].cause.constraint, "clearance 4800 mm");
+  EXPECT_EQ(narrowed[0].cause.links, "l0 and l3");
+  ASSERT_EQ(narrowed[0].left_out.size(), 1U);
+  EXPECT_NEAR(narrowed[0].left_out[0].first, -4.8, 1e-9);  // the parts are 0.8 m long, and those at +-5 m are used
+  EXPECT_NEAR(narrowed[0].left_out[0].second, 4.8, 1e-9);
 }
 
 TEST(WorkspaceLimits, GivesUpAfter100000SamplesAnd200ForEachCandidate) {

@@ -142,9 +142,12 @@ TEST(ResultBlocks, HeldOutPointsAreWrittenUpTo5000) {
 
 TEST(ResultBlocks, ProvenanceNamesNotesAndFiles) {
   const Json json = provenance_json({.notes = {{"serial", "7"}, {"payload", "2 kg"}},
+                                     .options = {{"--exclude", "3"}},
+                                     .planned_cell = "--frame base",
                                      .files_read = {{.role = "urdf", .path = "a.urdf", .sha256 = "1f"}},
                                      .files_written = {{.role = "output", .path = "b.json", .sha256 = "2e"}}});
   EXPECT_EQ(json, Json::parse(R"({"notes": {"serial": "7", "payload": "2 kg"},
+      "options": {"--exclude": "3"}, "planned_cell": "--frame base",
       "files_read": [{"role": "urdf", "path": "a.urdf", "sha256": "1f"}],
       "files_written": [{"role": "output", "path": "b.json", "sha256": "2e"}]})"));
 }

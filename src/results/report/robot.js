@@ -57,6 +57,8 @@ function viewer(scene, layers, extra) {
     el("span", { class: "toggles" }, layers.map(([layer, text, kind]) => toggle(view, layer, text, kind))));
   const buttons = el("span", { class: "buttons" }, button("+", "Nearer", () => view.nearer(1.2)), button("−", "Farther", () => view.nearer(1 / 1.2)),
       button("↺", "Turn to the left", () => view.turn(-0.3, 0)), button("↻", "Turn to the right", () => view.turn(0.3, 0)),
+      ...(scene.axes ? [["3D", 0.7, 0.35], ["side", 0, 0], ["front", Math.PI / 2, 0], ["top", 0, 1.55]].map(([text, yaw, pitch]) =>
+        button(text, `The view from ${text === "3D" ? "an edge" : "the " + text}`, () => view.turn(view.yaw - yaw, pitch - view.pitch))) : []),
       button("reset", "The view as it was", () => { view.reset(); view.draw(); }));
   window.kdlcalView = view;
   return el("div", { class: "view" }, el("div", { class: "stage" }, canvas, buttons), controls, extra || null, chosen);

@@ -16,7 +16,8 @@ function tone(share) {
 // As in the charts, so that arrows differ without their colour.
 const DASHES = { before: [4, 3], held: [1.5, 3] };
 
-// `scene`: robot, configurations, points [{place, c, arrows: [{kind, vector}], lines, choose}], cells, tracker.
+// `scene`: robot, configurations, points [{place, c, arrows: [{kind, vector}], lines, choose}], cells, tracker, zones
+// [{name, lower, upper} or {name, centre, radius}], beams [[target] of a configuration], axes {name, pose}.
 class View {
   constructor(canvas, scene) {
     this.canvas = canvas;
@@ -91,6 +92,7 @@ class View {
     if (this.scene.robot && this.layers.robot) this.arm();
     if (this.layers.cells) this.cells();
     this.pointsAndArrows();
+    if (this.layers.zones !== false) for (const zone of this.scene.zones || []) this.zone(zone);
     this.trackerAndAxes();
     this.items.sort((a, b) => a.depth - b.depth);
     for (const item of this.items) item.paint(g);
@@ -181,6 +183,28 @@ class View {
     }
   }
 
+  // The edges of a box, or three circles of a sphere.
+  zone({ name, lower, upper, centre, radius, kind }) {
+    const colour = kind || "mark";
+    if (lower) {
+      const corner = (i) => [0, 1, 2].map((k) => (i >> k & 1 ? upper[k] : lower[k]));
+      for (let i = 0; i < 8; ++i) for (let k = 0; k < 3; ++k) if (!(i >> k & 1)) this.stroke([corner(i), corner(i | 1 << k)], colour, 1.5);
+      this.label(upper, name, colour);
+      return;
+    }
+    for (let axis = 0; axis < 3; ++axis) {
+      const circle = Array.from({ length: 33 }, (_, i) => {
+        const [u, v] = [radius * Math.cos(i * Math.PI / 16), radius * Math.sin(i * Math.PI / 16)];
+        const away = [0, 0, 0];
+        away[(axis + 1) % 3] = u;
+        away[(axis + 2) % 3] = v;
+        return plus(centre, away, 1);
+      });
+      this.stroke(circle, colour, 1.5);
+    }
+    this.label(plus(centre, [0, 0, radius], 1), name, colour);
+  }
+
   pointsAndArrows() {
     this.at = [];
     for (const point of this.scene.points) {
@@ -242,12 +266,11 @@ class View {
   }
 
   trackerAndAxes() {
-    const size = 0.13 * this.radius;
-    const origin = moved(WORLD, [0, 0, 0]);
-    [["x", [size, 0, 0]], ["y", [0, size, 0]], ["z", [0, 0, size]]].forEach(([name, along]) => {
-      const end = moved(WORLD, along);
-      this.stroke([origin, end], "axis3d", 2);
-      if (!this.layers.robot || !this.scene.robot) this.label(end, name, "quiet");
+    const { pose, name: frame } = this.scene.axes || { pose: WORLD, name: "" };
+    const size = (frame ? 0.4 : 0.13) * this.radius;
+    [["x", [size, 0, 0]], ["y", [0, size, 0]], ["z", [0, 0, size]]].forEach(([name, end]) => {
+      this.stroke([moved(pose, [0, 0, 0]), moved(pose, end)], "axis3d", 2);
+      if (frame || !this.layers.robot || !this.scene.robot) this.label(moved(pose, end), (frame + " " + name).trim(), "quiet");
     });
     const tracker = this.scene.tracker;
     if (!tracker) return;
@@ -265,7 +288,8 @@ class View {
     });
     this.label(tracker, "tracker", "ink");
     const chosen = this.scene.points.find((p) => p.c === SELECTED.c && SELECTED.c >= 0);
-    if (chosen) this.stroke([tracker, chosen.place], "quiet", 1, 0, [6, 5]);
+    const beams = (this.scene.beams || [])[SELECTED.c] || (chosen ? [chosen.place] : []);
+    for (const target of beams) this.stroke([tracker, target], "quiet", 1, 0, [6, 5]);
   }
 
   turn(dx, dy) {
