@@ -1,7 +1,7 @@
 # Installs the package from `build_dir` into an empty prefix, then configures, builds and runs against it
 #   - the consumer whose main.cpp and CMakeLists.txt are the blocks of the README that stand behind the comments
 #     <!-- consumer: main.cpp -->  and  <!-- consumer: CMakeLists.txt -->
-#   - the programs beside this file, which `guide` has to quote byte for byte.
+#   - the programs beside this file, which one of `guide` and `path` has to quote byte for byte.
 # All run in `work_dir`/run, which holds robot.urdf and, made by the installed kdlcal, measurements.csv.
 # One program is also built against the unpacked .deb: by clang where it is installed, and with pkg-config.
 # The compiler flags of the package carry over, so that this also works in a sanitized build.
@@ -39,12 +39,14 @@ extract_block(main.cpp cpp)
 extract_block(CMakeLists.txt cmake)
 
 file(READ ${guide} quoted)
+file(READ ${path} quoted_too)
+string(APPEND quoted "${quoted_too}")
 file(GLOB quotes ${CMAKE_CURRENT_LIST_DIR}/*.cpp ${CMAKE_CURRENT_LIST_DIR}/*.py)
 foreach(source IN LISTS quotes)
   file(READ ${source} text)
   string(FIND "${quoted}" "${text}" at)
   if(at EQUAL -1)
-    message(FATAL_ERROR "${guide} does not quote ${source} as it stands")
+    message(FATAL_ERROR "neither ${guide} nor ${path} quotes ${source} as it stands")
   endif()
 endforeach()
 
@@ -101,7 +103,7 @@ if(NOT count EQUAL 1)
 endif()
 run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${programs})
 
-foreach(name calibrate_and_export predict inverse_kinematics plan simulate)
+foreach(name calibrate_and_export predict inverse_kinematics plan simulate in_memory control_loop)
   run(${CMAKE_COMMAND} -E chdir ${work_dir}/run ${work_dir}/programs/bin/${name})
 endforeach()
 if(python AND EXISTS ${python})
