@@ -12,8 +12,6 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::size_t kLargestFile = std::size_t{64} << 20U;
-
 NoteInput input_note;
 
 [[noreturn]] void fail(const std::string& source, const std::string& what, int error) {
@@ -50,10 +48,10 @@ std::size_t read_bytes(std::FILE* file, char* bytes, std::size_t count, const st
   return read;
 }
 
-std::string read_text_file(const std::filesystem::path& path) {
+std::string read_text_file(const std::filesystem::path& path, std::size_t most) {
   const auto check = [&](std::uintmax_t size) {
-    if (size > kLargestFile) {
-      throw InputError(path.string() + ": larger than the limit of 64 MiB");
+    if (size > most << 20U) {
+      throw InputError(path.string() + ": larger than the limit of " + std::to_string(most) + " MiB");
     }
   };
   const File file = open_file(path);

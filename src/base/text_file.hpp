@@ -30,7 +30,7 @@ File open_file(const std::filesystem::path& path);
 /// Reads `count` bytes, or fewer at the end of the file. Throws InputError on failure.
 std::size_t read_bytes(std::FILE* file, char* bytes, std::size_t count, const std::string& source);
 
-/// The bytes of a file of at most 64 MiB. Throws InputError if it is larger or cannot be read.
-std::string read_text_file(const std::filesystem::path& path);
+/// The bytes of a file of at most so many MiB. Throws InputError if it is larger or cannot be read.
+std::string read_text_file(const std::filesystem::path& path, std::size_t most = 64);
 
 }  // namespace kdl_calibration

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <set>
 #include <utility>
 #include <vector>
 
@@ -105,20 +104,6 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
   return region;
 }
 
-namespace {
-
-int configurations_with(const Measurements& measurements, Split split) {
-  std::set<std::int32_t> found;
-  for (const Observation& observation : measurements.observations) {
-    if (observation.split == split) {
-      found.insert(observation.configuration);
-    }
-  }
-  return static_cast<int>(found.size());
-}
-
-}  // namespace
-
 NewPointErrors new_point_errors(const CalibrationResult& calibration, const Measurements& measurements) {
   const Accuracy& accuracy = calibration.accuracy;
   const BeforeAfter* left_out = accuracy.held_out();
@@ -127,8 +112,9 @@ NewPointErrors new_point_errors(const CalibrationResult& calibration, const Meas
                                                     : NewPointErrors::Rows::fitted,
                         .of_coordinates = has_single_coordinates(measurements)};
   const BeforeAfter& errors = left_out != nullptr ? *left_out : accuracy.test ? *accuracy.test : accuracy.train;
-  result.configurations =
-      configurations_with(measurements, result.rows == NewPointErrors::Rows::test ? Split::test : Split::train);
+  const std::vector<bool> has_errors =
+      configurations_with(result.rows == NewPointErrors::Rows::test ? Split::test : Split::train, measurements);
+  result.configurations = static_cast<int>(std::count(has_errors.begin(), has_errors.end(), true));
   result.coverage_factor = coverage_factor(std::max(1, result.configurations));
   const auto expanded = [&](double rms) {
     return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions);

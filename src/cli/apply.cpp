@@ -94,24 +94,8 @@ JointConvention urdf_convention(const Robot& robot) {
           .offset = Eigen::VectorXd::Zero(count)};
 }
 
-// Requires the convention that the result was made with: another one would turn the offsets into other joints.
-void require_same_convention(const ApplyArguments& arguments, const Json& result) {
-  const std::optional<std::string> made_with = hash_of_input(result, "joint-convention");
-  if (!made_with) {
-    return;
-  }
-  if (arguments.joint_convention.empty()) {
-    throw InputError("--joint-convention: " + arguments.result + " was made with one, expected the same file here");
-  }
-  if (sha256_of_file(arguments.joint_convention) != *made_with) {
-    throw InputError("--joint-convention: '" + arguments.joint_convention + "' is not the file that " +
-                     arguments.result + " was made with, its hash is another one; expected that file");
-  }
-}
-
 // The result with the files that it comes from, which no hash protects.
-std::string with_provenance(const MasteredResult& mastered, const ApplyArguments& arguments,
-                            const std::optional<OutputFile>& urdf) {
+std::string with_provenance(const MasteredResult& mastered, const ApplyArguments& arguments, const OutputFile* urdf) {
   Json json = json_of(mastered.json, "the result");
   Json& provenance = json["provenance"];
   for (const auto& [role, path] :
@@ -119,7 +103,7 @@ std::string with_provenance(const MasteredResult& mastered, const ApplyArguments
     provenance["files_read"].push_back({{"role", role}, {"path", path}, {"sha256", sha256_of_file(path)}});
   }
   provenance["files_written"] = Json::array();
-  if (urdf) {
+  if (urdf != nullptr) {
     provenance["files_written"].push_back({{"role", "output"}, {"path", urdf->path}, {"sha256", sha256(urdf->text)}});
   }
   return json_text(json);
@@ -147,7 +131,8 @@ ExitStatus run(const ApplyArguments& arguments) {
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   const std::string text = read_text_file(arguments.result);
-  require_same_convention(arguments, json_of(text, arguments.result));
+  // With another one the offsets would be of other joints.
+  require_same_input(json_of(text, arguments.result), arguments.result, "joint-convention", arguments.joint_convention);
   const std::optional<JointConvention> given = convention_of(arguments.joint_convention, robot);
   const JointConvention convention = given ? *given : urdf_convention(robot);
   const std::vector<EnteredOffset> entered =
@@ -159,12 +144,12 @@ ExitStatus run(const ApplyArguments& arguments) {
                     "at most {:.3f} mm; calibrate anew after the entry",
                     arguments.entered, mastered.moved * 1e3, kMostMoved * 1e3));
   }
-  std::optional<OutputFile> urdf;
+  const OutputFile* urdf = nullptr;
   for (OutputFile& file : files) {
     if (file.option == "--output-urdf") {
       const CalibrationParts parts = parse_calibration(mastered.json, robot, arguments.result);
       file.text = calibrated_urdf(robot, parts.model, parts.urdf_errors);
-      urdf = file;
+      urdf = &file;
     }
   }
   files.front().text = with_provenance(mastered, arguments, urdf);

@@ -275,7 +275,7 @@ JudgedResult judged_result(std::string text, const std::vector<Requirement>& req
     return {.text = std::move(text), .outcomes = {}};
   }
   Json json = json_of(text, "the result");
-  std::vector<Judged> outcomes = guarded_outcomes(requirements, json, guard);
+  std::vector<Judged> outcomes = outcomes_of(requirements, json, guard);
   json["requirements"] = judged_json(outcomes);
   json["hashes"] = tree::hashes(json);
   return {.text = json_text(json), .outcomes = std::move(outcomes)};

@@ -16,6 +16,7 @@
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
+#include "base/text_file.hpp"
 #include "base/units.hpp"
 #include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
@@ -27,12 +28,12 @@
 #include "kdl_calibration/result_file.hpp"
 #include "programs/compensated_program.hpp"
 #include "programs/program_language.hpp"
-#include "programs/program_text.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
 constexpr std::string_view kRecord = ".kdlcal.json";  // after the name of the program
+constexpr std::size_t kMostOfAProgram = 512;          // [MiB] of each file: about two million points
 
 // Joints of the robot by the number of an external axis, from texts such as "E1=rail" and "E2=-turntable".
 std::map<int, ExternalAxis> external_axes_of(const std::vector<std::string>& texts, const Robot& robot) {
@@ -104,7 +105,7 @@ bool has_extension(const std::string& file, std::string_view extension) {
 
 // The program, and the file that belongs to it in its language: motions before points.
 std::vector<ProgramText> texts_of(const std::string& file, const ProgramLanguage*& language) {
-  std::vector<ProgramText> texts = {{.source = file, .text = read_program_text(file)}};
+  std::vector<ProgramText> texts = {{.source = file, .text = read_text_file(file, kMostOfAProgram)}};
   language = &language_of(texts.front());
   if (language->companion.empty()) {
     return texts;
@@ -113,7 +114,8 @@ std::vector<ProgramText> texts_of(const std::string& file, const ProgramLanguage
   const std::string main_extension(language->files.substr(0, language->files.find_first_of(", ")));
   const std::string other = file_beside(file, is_companion ? main_extension : language->companion);
   if (!other.empty()) {
-    texts.insert(is_companion ? texts.begin() : texts.end(), {.source = other, .text = read_program_text(other)});
+    texts.insert(is_companion ? texts.begin() : texts.end(),
+                 {.source = other, .text = read_text_file(other, kMostOfAProgram)});
   }
   return texts;
 }
@@ -135,7 +137,8 @@ std::vector<OutputFile> outputs_of(const ProgramArguments& arguments, const std:
 void require_programs_of_the_user(const std::vector<ProgramText>& texts) {
   for (const ProgramText& beside : texts) {
     const std::string record = beside.source + std::string(kRecord);
-    const std::string written = std::filesystem::exists(record) ? read_program_text(record) : std::string();
+    const std::string written =
+        std::filesystem::exists(record) ? read_text_file(record, kMostOfAProgram) : std::string();
     for (const ProgramText& text : texts) {
       if (written.find(sha256(text.text)) != std::string::npos) {
         throw InputError(text.source + ": this program is compensated already, expected the original");

@@ -130,6 +130,14 @@ std::optional<std::size_t> column_of(std::string_view meaning, const Fields& hea
   return std::nullopt;
 }
 
+std::map<std::string, Eigen::Index> columns_of(const Measurements& configurations) {
+  std::map<std::string, Eigen::Index> columns;
+  for (const std::string& label : configurations.configurations) {
+    columns.emplace(label, std::ssize(columns));
+  }
+  return columns;
+}
+
 // What the file of joint values also says of its configurations: a heading, and the cell of each label.
 struct SharedColumn {
   std::string name;
@@ -175,9 +183,18 @@ public:
         convention_(convention),
         joint_names_(names_of_joints(robot, convention)),
         configurations_(read_configurations(robot, files.joint_values, convention)),
+        columns_(columns_of(configurations_)),
         pattern_(files.names.empty() ? std::nullopt : std::optional<NamePattern>(files.names)),
         lines_(std::filesystem::path(files.points)) {}
 
+  // The rows of both files, and the torques, which belong to configurations.
+  Measurements read() {
+    Measurements measurements = parse_measurements(robot_, csv(), nullptr, files_.points, files_.orientation);
+    take_torques(measurements);
+    return measurements;
+  }
+
+private:
   std::string csv() {
     for (std::string_view line; lines_.next(line);) {
       if (line.find_first_not_of(" \t,;") == std::string_view::npos || is_comment(line)) {
@@ -192,9 +209,6 @@ public:
     return std::move(csv_);
   }
 
-  const Measurements& configurations() const { return configurations_; }
-
-private:
   // Reads the header; whether the line is a row as well, as an export states its columns in a comment.
   bool header_is_row(std::string_view line) {
     const std::optional<ExportHeader> stated = export_header(comments_, line, lines_.source());
@@ -274,10 +288,9 @@ private:
     }
     const Measurements own = read_configurations(robot_, files_.points, convention_);
     for (std::size_t c = 0; c < own.configurations.size(); ++c) {
-      const auto& labels = configurations_.configurations;
-      const auto at = std::find(labels.begin(), labels.end(), own.configurations[c]) - labels.begin();
-      if (at < std::ssize(labels) &&
-          (own.joint_values.col(static_cast<Eigen::Index>(c)) - configurations_.joint_values.col(at))
+      const auto other = columns_.find(own.configurations[c]);
+      if (other != columns_.end() &&
+          (own.joint_values.col(static_cast<Eigen::Index>(c)) - configurations_.joint_values.col(other->second))
                   .cwiseAbs()
                   .maxCoeff() > kSamePose) {
         throw InputError(files_.points + ": joint values of configuration " + shown(own.configurations[c]) +
@@ -312,11 +325,33 @@ private:
     return row + "\n";
   }
 
+  // The means of the file that has them.
+  void take_torques(Measurements& measurements) const {
+    constexpr double kNotMeasured = std::numeric_limits<double>::quiet_NaN();
+    const Eigen::MatrixXd& stated = configurations_.signals.torques;
+    Eigen::MatrixXd& torques = measurements.signals.torques;
+    if (stated.size() == 0) {
+      return;
+    }
+    if (torques.size() > 0) {
+      throw InputError(files_.points + ": has torques, and " + files_.joint_values +
+                       " as well, expected them in one of the two");
+    }
+    torques.setConstant(stated.rows(), std::ssize(measurements.configurations), kNotMeasured);
+    for (Eigen::Index c = 0; c < torques.cols(); ++c) {
+      const auto found = columns_.find(measurements.configurations[static_cast<std::size_t>(c)]);
+      if (found != columns_.end()) {
+        torques.col(c) = stated.col(found->second);
+      }
+    }
+  }
+
   const Robot& robot_;
   const JoinedFiles& files_;
   const JointConvention* convention_;
   std::set<std::string> joint_names_;
   Measurements configurations_;
+  std::map<std::string, Eigen::Index> columns_;  // of configurations_, by label
   std::optional<NamePattern> pattern_;
   LineReader lines_;
   std::map<std::string, std::string> heads_;
@@ -331,34 +366,10 @@ private:
   Fields cells_;
 };
 
-// Torques belong to configurations: the means of the file that has them.
-void take_torques(const Measurements& configurations, const std::string& file, Measurements& measurements) {
-  constexpr double kNotMeasured = std::numeric_limits<double>::quiet_NaN();
-  const Eigen::MatrixXd& stated = configurations.signals.torques;
-  Eigen::MatrixXd& torques = measurements.signals.torques;
-  if (stated.size() == 0) {
-    return;
-  }
-  if (torques.size() > 0) {
-    throw InputError(measurements.source + ": has torques, and " + file + " as well, expected them in one of the two");
-  }
-  torques.resize(stated.rows(), std::ssize(measurements.configurations));
-  for (Eigen::Index c = 0; c < torques.cols(); ++c) {
-    const std::string& label = measurements.configurations[static_cast<std::size_t>(c)];
-    const auto at = std::find(configurations.configurations.begin(), configurations.configurations.end(), label);
-    torques.col(c) = at == configurations.configurations.end()
-                         ? Eigen::VectorXd::Constant(stated.rows(), kNotMeasured)
-                         : Eigen::VectorXd(stated.col(at - configurations.configurations.begin()));
-  }
-}
-
 }  // namespace
 
 Measurements read_joined(const Robot& robot, const JoinedFiles& files, const JointConvention* convention) {
-  Joining joining(robot, files, convention);
-  Measurements measurements = parse_measurements(robot, joining.csv(), nullptr, files.points, files.orientation);
-  take_torques(joining.configurations(), files.joint_values, measurements);
-  return measurements;
+  return Joining(robot, files, convention).read();
 }
 
 }  // namespace kdl_calibration::cli

@@ -232,10 +232,10 @@ void warn_of_narrowed(const Robot& robot, const std::vector<NarrowedRange>& rang
 }
 
 // For the command that plans further configurations of the same cell.
-void add_cell_note(const PlanArguments& arguments, MeasuringPlan& sheet) {
+void add_cell_note(const PlanArguments& arguments, const PlanSetting& set, MeasuringPlan& sheet) {
   CellArguments cell = arguments.cell;
-  if (cell.frame.empty() && has_places(cell)) {
-    cell.frame = arguments.joint_convention.empty() ? "base" : "world";
+  if (has_places(cell)) {
+    cell.frame = set.is_world ? "world" : "base";
   }
   if (const std::string note = cell_note(cell); !note.empty()) {
     sheet.notes.push_back(note);
@@ -255,7 +255,7 @@ ExitStatus run_at_places(const PlanArguments& arguments, Places places) {
   set.request.choosing = [&](double share) { choosing(share); };
   PlacesPlan plan = plan_at_places(set.request, places);
   warn_of_narrowed(set.request.robot, plan.narrowed);
-  add_cell_note(arguments, plan.sheet);
+  add_cell_note(arguments, set, plan.sheet);
   plan.sheet.notes.push_back(places_note(arguments.places));
   for (OutputFile& file : files) {
     file.text = file.option == "--program" ? program_of(arguments, set, plan.sheet, *language)
@@ -296,7 +296,7 @@ ExitStatus run(const PlanArguments& arguments) {
   set.request.trying = [&](double share) { trying(share); };
   Plan result = make_plan(set.request);
   warn_of_narrowed(set.request.robot, result.narrowed);
-  add_cell_note(arguments, result.sheet);
+  add_cell_note(arguments, set, result.sheet);
   for (OutputFile& file : files) {
     file.text = file.option == "--program"  ? program_of(arguments, set, result.sheet, *language)
                 : file.option == "--output" ? sheet_csv(arguments, set, result.sheet)

@@ -2,7 +2,9 @@
 
 #include <string_view>
 
+#include "base/sha256.hpp"
 #include "cli/planned_cell.hpp"
+#include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -35,6 +37,21 @@ std::string text_at(const Json& object, const char* key) {
 std::optional<std::string> hash_of_input(const Json& result, const std::string& role) {
   const std::string hash = of_input(result, role, "sha256");
   return hash.empty() ? std::nullopt : std::optional(hash);
+}
+
+void require_same_input(const Json& result, const std::string& source, const std::string& role,
+                        const std::string& path) {
+  const std::optional<std::string> hash = hash_of_input(result, role);
+  if (!hash) {
+    return;
+  }
+  if (path.empty()) {
+    throw InputError("--" + role + ": " + source + " was made with one, expected the same file here");
+  }
+  if (sha256_of_file(path) != *hash) {
+    throw InputError("--" + role + ": '" + path + "' is not the file that " + source +
+                     " was made with, its hash is another one; expected that file");
+  }
 }
 
 std::string shell_word(const std::string& text) {

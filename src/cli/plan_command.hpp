@@ -13,6 +13,11 @@ std::string text_at(const Json& object, const char* key);
 /// Hash of the input file with this role; empty if the result names none.
 std::optional<std::string> hash_of_input(const Json& result, const std::string& role);
 
+/// Throws InputError if the result in the file `source` was made with another file of this role than that at `path`
+/// (empty: none), by its hash. Nothing is required where the result names none.
+void require_same_input(const Json& result, const std::string& source, const std::string& role,
+                        const std::string& path);
+
 /// The text quoted as one word for a POSIX shell.
 std::string shell_word(const std::string& text);
 

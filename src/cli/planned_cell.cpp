@@ -1,7 +1,5 @@
 #include "cli/planned_cell.hpp"
 
-#include <algorithm>
-#include <array>
 #include <filesystem>
 #include <optional>
 #include <sstream>
@@ -10,22 +8,13 @@
 
 #include "base/csv.hpp"
 #include "base/number_text.hpp"
-#include "base/text.hpp"
+#include "cli/plan_command.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
 
 constexpr std::string_view kCell = "Cell: ";
 constexpr std::string_view kPlaces = "Measured: ";
-constexpr std::array<std::string_view, 13> kOptions = {
-    "--frame",           "--joint-range", "--box",        "--least-height", "--least-radius", "--keep-out-sphere",
-    "--keep-out-box",    "--clearance",   "--arm-radius", "--tool-radius",  "--tracker",      "--distance-range",
-    "--acceptance-angle"};
-
-bool is_plain(char c) {
-  return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') ||
-         std::string_view("_./+=:@%,-").find(c) != std::string_view::npos;
-}
 
 // The text behind `name` in the comments before the header.
 std::string text_of_note(const std::string& file, std::string_view name) {
@@ -76,15 +65,17 @@ std::string cell_note(const CellArguments& arguments) {
   add_text("--tracker", arguments.tracker);
   add_text("--distance-range", arguments.distance_range);
   add_number("--acceptance-angle", arguments.acceptance_deg);
-  const bool plain = std::all_of(words.begin(), words.end(), [](char c) { return c == ' ' || is_plain(c); });
-  return words.empty() || !plain ? std::string() : std::string(kCell) + words;
+  return cell_in(words).empty() ? std::string() : std::string(kCell) + words;
 }
 
 std::string cell_in(const std::string& text) {
+  CLI::App cell;
+  cell.set_help_flag();
+  CellArguments unused;
+  add_cell_options(cell, unused);
   std::istringstream words{text};
   for (std::string option, value; words >> option;) {
-    const bool known = std::find(kOptions.begin(), kOptions.end(), option) != kOptions.end();
-    if (!known || !(words >> value) || !std::all_of(value.begin(), value.end(), is_plain)) {
+    if (cell.get_option_no_throw(option) == nullptr || !(words >> value) || shell_word(value) != value) {
       return {};
     }
   }

@@ -17,7 +17,7 @@ CompensatedPoint PoseWays::solve(const Eigen::Isometry3d& X_BF, const Compensate
   const std::vector<SixJoints> ways = ways_.all(X_BF, near);
   CompensatedPoint point = compensator_.solve(X_BF, ways.empty() ? near : CompensatedJoints(ways.front()));
   std::vector<CompensatedJoints> others;
-  for (const SixJoints& other : ways_.others(X_BF, near, point.joint_values - point.change, kAboutAsNear)) {
+  for (const SixJoints& other : other_ways(ways, near, point.joint_values - point.change, kAboutAsNear)) {
     others.emplace_back(other);
   }
   const double spread = spread_of_commands(compensator_, X_BF, point, others);

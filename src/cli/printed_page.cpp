@@ -63,8 +63,7 @@ std::string browser() {
   }
   throw InputError(
       "--pdf: there is no browser, expected chromium or google-chrome in the PATH; or print the page of --output in "
-      "any "
-      "browser");
+      "any browser");
 }
 
 // Whether the program ended with status 0 in time. Its output is dropped; it is ended after the time.

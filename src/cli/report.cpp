@@ -52,15 +52,7 @@ FileRoles files_and_bases(const ReportArguments& arguments, const Json& result) 
 // Requires the files of the result: with others the page would show residuals that the result never had.
 void require_same_files(const ReportArguments& arguments, const Json& result) {
   for (const auto& [role, path] : files_and_bases(arguments, result)) {
-    const std::optional<std::string> hash = hash_of_input(result, role);
-    const std::string option = "--" + role;
-    if (path.empty() && hash) {
-      throw InputError(option + ": " + arguments.result + " was made with one, expected the same file here");
-    }
-    if (!path.empty() && hash && sha256_of_file(path) != *hash) {
-      throw InputError(option + ": '" + path + "' is not the file that " + arguments.result +
-                       " was made with, its hash is another one; expected that file");
-    }
+    require_same_input(result, arguments.result, role, path);
   }
 }
 

@@ -42,16 +42,6 @@ Json places_json(const std::vector<Eigen::Isometry3d>& poses) {
   return list;
 }
 
-Json frame12(const Eigen::Isometry3d& frame) {
-  Json result = Json::array();
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 4; ++column) {
-      result.push_back(frame.matrix()(row, column));
-    }
-  }
-  return result;
-}
-
 // The boxes and spheres of a cell in the base frame. Sides that are open are drawn far away.
 Json zones_json(const Cell& cell) {
   constexpr double kFar = 20.0;  // [m]

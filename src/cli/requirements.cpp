@@ -365,11 +365,7 @@ Requirement parse_requirement(const std::string& text) {
   return result;
 }
 
-std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json) {
-  return guarded_outcomes(requirements, json, 0.0);
-}
-
-std::vector<Judged> guarded_outcomes(const std::vector<Requirement>& requirements, const Json& json, double guard) {
+std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json, double guard) {
   std::vector<Judged> result;
   for (const Requirement& requirement : requirements) {
     const Json* value = found_at(json, requirement.path);

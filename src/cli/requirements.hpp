@@ -35,13 +35,11 @@ struct Judged {
   /// A sentence if it is not met, else empty.
   std::string message() const;
 };
-std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json);
-
-/// The same with a guard band (ISO 14253-1): a length or an angle must keep its limit by `guard` times its standard
-/// uncertainty u. Of an RMS error of n configurations u^2 = rms^2 / (2 n) + of_assumptions^2, of the budget and the
-/// expanded errors of a new point u = value / sqrt(2 n), of a parameter its std. Throws InputError for a length or
-/// angle whose uncertainty is not known, and for ==. Numbers without unit have no guard band.
-std::vector<Judged> guarded_outcomes(const std::vector<Requirement>& requirements, const Json& json, double guard);
+/// With a guard band (ISO 14253-1) a length or an angle must keep its limit by `guard` times its standard uncertainty
+/// u. Of an RMS error of n configurations u^2 = rms^2 / (2 n) + of_assumptions^2, of the budget and the expanded errors
+/// of a new point u = value / sqrt(2 n), of a parameter its std. Throws InputError for a length or angle whose
+/// uncertainty is not known, and for ==. Numbers without unit have no guard band.
+std::vector<Judged> outcomes_of(const std::vector<Requirement>& requirements, const Json& json, double guard = 0.0);
 
 /// One line for each, for the terminal; empty without any.
 std::string outcome_lines(const std::vector<Judged>& outcomes);

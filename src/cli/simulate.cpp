@@ -195,13 +195,8 @@ Simulation simulation(const Robot& robot, const SimulateArguments& arguments) {
     return result;
   }
   if (!arguments.places.sockets.empty()) {
-    const Places places = places_of(arguments.places);
-    const Plate plate{.sockets = places.sockets,
-                      .places = places.stations,
-                      .sigma = arguments.noise.sigma,
-                      .horizontal = places.horizontal,
-                      .lowest = places.lowest,
-                      .highest = places.highest};
+    Plate plate = plate_of(places_of(arguments.places));
+    plate.sigma = arguments.noise.sigma;
     result.measurements = touch(plate, set.ranges, set.configurations, random, result.robot);
     result.truth = truth_of(robot, arguments, set, result.robot);
     return result;

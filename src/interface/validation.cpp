@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -82,6 +83,9 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
 // The zero of an instrument for distances, beside base and targets.
 double distance_zero(const ErrorModel& model, const Estimate& registered, const Measurements& rows,
                      const KnownFrames& known) {
+  if (std::none_of(rows.observations.begin(), rows.observations.end(), is_distance)) {
+    return 0.0;
+  }
   const std::vector<TargetFrame>& targets = registered.frames.targets;
   const Unknowns free = Unknowns(model, targets, select_parameters(model, targets, {.known = known}).free)
                             .without(UnknownGroup::geometric)

@@ -59,15 +59,19 @@ std::vector<double> TrainingRows::values_among_all(std::vector<double> values, d
   return result;
 }
 
-std::vector<bool> trained_configurations(const Measurements& measurements) {
+std::vector<bool> configurations_with(Split split, const Measurements& measurements) {
   check(measurements);
-  std::vector<bool> trained(measurements.configurations.size(), false);
+  std::vector<bool> found(measurements.configurations.size(), false);
   for (const Observation& observation : measurements.observations) {
-    if (is_training(observation)) {
-      trained[static_cast<std::size_t>(observation.configuration)] = true;
+    if (observation.split == split) {
+      found[static_cast<std::size_t>(observation.configuration)] = true;
     }
   }
-  return trained;
+  return found;
+}
+
+std::vector<bool> trained_configurations(const Measurements& measurements) {
+  return configurations_with(Split::train, measurements);
 }
 
 Measurements training_sample(const Measurements& measurements, std::size_t most_configurations) {

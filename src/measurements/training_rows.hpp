@@ -34,6 +34,8 @@ private:
   std::optional<Measurements> apart_;
 };
 
+/// Whether each configuration has rows of this split.
+std::vector<bool> configurations_with(Split split, const Measurements& measurements);
 /// Whether each configuration has training rows.
 std::vector<bool> trained_configurations(const Measurements& measurements);
 

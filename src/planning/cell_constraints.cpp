@@ -210,7 +210,6 @@ void CellConstraints::add_zones() {
 
 void CellConstraints::add_clearance() {
   if (!cell_.clearance) {
-    clearance_ = std::numeric_limits<std::size_t>::max();
     return;
   }
   kept_apart_ = pairs_to_keep_apart(robot_, cell_.body, *cell_.clearance);

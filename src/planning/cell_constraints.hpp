@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -26,8 +27,8 @@ public:
   /// "base_link and link_3" of the two parts that are closest to each other at joint values `q`; empty without a
   /// clearance.
   std::string closest_links(const Eigen::VectorXd& q) const;
-  /// The place of the clearance in names(); larger than any if there is none.
-  std::size_t clearance() const { return clearance_; }
+  /// The place of the clearance in names(), if there is one.
+  std::optional<std::size_t> clearance() const { return clearance_; }
 
 private:
   struct Posture;
@@ -57,7 +58,7 @@ private:
   std::vector<std::string> names_;
   std::vector<Condition> conditions_;
   std::vector<std::pair<std::size_t, std::size_t>> kept_apart_;  // capsules
-  std::size_t clearance_ = 0;
+  std::optional<std::size_t> clearance_;
 };
 
 }  // namespace kdl_calibration

@@ -6,7 +6,6 @@
 #include "base/decompositions.hpp"
 #include "estimation/least_squares.hpp"
 #include "measurements/readings.hpp"
-#include "planning/plate.hpp"
 #include "selection/parameter_selection.hpp"
 
 namespace kdl_calibration {
@@ -33,6 +32,14 @@ MatrixXd scaled(MatrixXd columns, const MatrixXd& before) {
 MatrixXd range_of(const MatrixXd& columns) { return range_basis(scaled(columns, columns), kNothing); }
 
 }  // namespace
+
+Plate plate_of(const Places& places) {
+  return {.sockets = places.sockets,
+          .places = places.stations,
+          .horizontal = places.horizontal,
+          .lowest = places.lowest,
+          .highest = places.highest};
+}
 
 bool are_special(const Places& places) {
   return places.stations > 1 || !places.sockets.empty() || places.directions != "xyz";
@@ -64,12 +71,8 @@ VirtualRobot nominal_robot(const ErrorModel& model, const std::vector<TargetFram
 
 PlacedRows rows_at(const Places& places, VirtualRobot robot, const Reach& reach, const MatrixXd& q, Random& random) {
   if (!places.sockets.empty()) {
-    const Plate plate{.sockets = places.sockets,
-                      .places = places.stations,
-                      .horizontal = places.horizontal,
-                      .lowest = places.lowest,
-                      .highest = places.highest,
-                      .allowed = reach.allowed};
+    Plate plate = plate_of(places);
+    plate.allowed = reach.allowed;
     const Measurements touches = touch(plate, reach.ranges, q.cols(), random, robot);
     return {.robot = robot, .measurements = touches};
   }

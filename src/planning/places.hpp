@@ -9,6 +9,7 @@
 #include "base/random.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
+#include "planning/plate.hpp"
 #include "planning/simulation.hpp"
 #include "robot/joint_ranges.hpp"
 #include "uncertainty/identifiability.hpp"
@@ -24,6 +25,9 @@ struct Places {
   double highest = std::numeric_limits<double>::infinity();
   std::string directions = "xyz";  ///< coordinates that are measured; "r": the distance from the origin of W
 };
+
+/// The plate with these sockets at these places.
+Plate plate_of(const Places& places);
 
 /// Whether these are more than whole points from one station.
 bool are_special(const Places& places);

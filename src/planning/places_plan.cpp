@@ -16,6 +16,7 @@
 #include "estimation/least_squares.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/stations.hpp"
+#include "planning/cell_constraints.hpp"
 #include "planning/measuring_plan.hpp"
 #include "selection/parameter_selection.hpp"
 
@@ -126,16 +127,16 @@ std::vector<std::size_t> drawn(const Choice& choice, int count, Random& random) 
 PlacedRows candidate_rows(const PlanRequest& request, const Places& places, std::uint64_t start) {
   Random random(request.seed, start);
   const auto count = std::max<Index>(2L * request.count, request.candidates / request.starts);
-  const Reach reach{.ranges = request.cell.ranges, .allowed = [&](const VectorXd& q) {
-                      return violated(request.robot, request.targets, request.cell, q).empty();
-                    }};
-  MatrixXd q = MatrixXd::Zero(static_cast<Index>(request.robot.joints.size()), count);
+  const VirtualRobot robot = nominal_robot(complete_model(request.robot), request.targets);
+  Reach reach{.ranges = request.cell.ranges};
   if (places.sockets.empty()) {
-    q = candidates(request.robot, request.targets, request.cell,
-                   {.count = static_cast<int>(count), .seed = request.seed + start, .threads = 1})
-            .joint_values;
+    const Candidates drawn = candidates(request.robot, request.targets, request.cell,
+                                        {.count = static_cast<int>(count), .seed = request.seed + start, .threads = 1});
+    return rows_at(places, robot, reach, drawn.joint_values, random);
   }
-  return rows_at(places, nominal_robot(complete_model(request.robot), request.targets), reach, q, random);
+  const CellConstraints constraints(request.robot, request.targets, request.cell);
+  reach.allowed = [&](const VectorXd& q) { return constraints.violations(q) == 0; };
+  return rows_at(places, robot, reach, MatrixXd::Zero(std::ssize(request.robot.joints), count), random);
 }
 
 Choice chosen(const PlanRequest& request, const Places& places, std::uint64_t start) {

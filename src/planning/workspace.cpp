@@ -55,7 +55,7 @@ void count_refusals(std::uint64_t bits, std::vector<Refusals>& refusals) {
 class ClosestLinks {
 public:
   void add(const CellConstraints& constraints, std::uint64_t bits, const VectorXd& q) {
-    if (constraints.clearance() < constraints.names().size() && (bits >> constraints.clearance() & 1U) != 0) {
+    if (constraints.clearance() && (bits >> *constraints.clearance() & 1U) != 0) {
       ++counts_[constraints.closest_links(q)];
     }
   }
@@ -157,13 +157,13 @@ Candidates candidates(const Robot& robot, const std::vector<TargetFrame>& target
       }
     }
   }
-  if (constraints.clearance() < found.refusals.size()) {
+  if (constraints.clearance()) {
     ClosestLinks links;
     for (long k = 0; k < std::min(found.samples, kTracedSamples); ++k) {
       const VectorXd q = sample(robot, cell.ranges, options, static_cast<std::uint64_t>(k));
       links.add(constraints, constraints.violations(q), q);
     }
-    found.refusals[constraints.clearance()].links = links.most_frequent();
+    found.refusals[*constraints.clearance()].links = links.most_frequent();
   }
   if (passed < options.count) {
     fail_for_too_few(found, static_cast<std::size_t>(passed), options.count);

@@ -48,10 +48,9 @@ std::vector<SixJoints> NearbyWays::all(const Isometry3d& X_BF, const SixJoints& 
   return ways;
 }
 
-std::vector<SixJoints> NearbyWays::others(const Isometry3d& X_BF, const SixJoints& near, const SixJoints& taken,
-                                          double share) const {
+std::vector<SixJoints> other_ways(std::vector<SixJoints> ways, const SixJoints& near, const SixJoints& taken,
+                                  double share) {
   constexpr double kSame = 0.05;  // [rad] closed forms leave out small tilts of the axes
-  std::vector<SixJoints> ways = all(X_BF, near);
   std::erase_if(ways, [&](const SixJoints& q) {
     return (q - taken).norm() < kSame || (q - near).norm() > share * (taken - near).norm();
   });

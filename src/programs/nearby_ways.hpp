@@ -24,10 +24,6 @@ public:
   /// turns next to `near`, and those with a joint a turn further.
   std::vector<SixJoints> all(const Eigen::Isometry3d& X_BF, const SixJoints& near) const;
 
-  /// Those that are no farther from `near` than `share` times the `taken` ones, but for these.
-  std::vector<SixJoints> others(const Eigen::Isometry3d& X_BF, const SixJoints& near, const SixJoints& taken,
-                                double share) const;
-
 private:
   bool is_within_limits(const SixJoints& q) const;
 
@@ -38,6 +34,10 @@ private:
 
 /// A controller may measure distances otherwise: another way that is less than so many times as far may be its choice.
 inline constexpr double kAboutAsNear = 2.0;
+
+/// Of these ways those that are no farther from `near` than `share` times the `taken` one, but for this one.
+std::vector<SixJoints> other_ways(std::vector<SixJoints> ways, const SixJoints& near, const SixJoints& taken,
+                                  double share);
 
 /// [m] How far the command for the pose is, at most, from the one that was taken where the arm reaches it from these
 /// nominal joint values.

@@ -243,7 +243,8 @@ CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const 
   const Isometry3d X_CF = carrier_.pose(all_joints(point, SixJoints::Zero())).inverse() * X_BF;
   const SixJoints near = approach.previous.tail<6>();
   CompensatedPoint found;
-  if (const std::vector<SixJoints> ways = ways_.all(X_CF, near); !approach.is_straight && !ways.empty()) {
+  const std::vector<SixJoints> ways = ways_.all(X_CF, near);
+  if (!approach.is_straight && !ways.empty()) {
     found = compensator_.solve(X_BF, all_joints(point, ways.front()));
   }
   if (found.joint_values.size() == 0 || !is_reached(X_BF, found.joint_values - found.change)) {
@@ -251,7 +252,7 @@ CompensatedPoint PointCompensation::solve_near(const ProgramPoint& point, const 
   }
   const SixJoints taken = (found.joint_values - found.change).tail<6>();
   std::vector<CompensatedJoints> others;
-  for (const SixJoints& q : ways_.others(X_CF, near, taken, approach.is_straight ? 1.0 : kAboutAsNear)) {
+  for (const SixJoints& q : other_ways(ways, near, taken, approach.is_straight ? 1.0 : kAboutAsNear)) {
     others.push_back(all_joints(point, q));
   }
   other_way = spread_of_commands(compensator_, X_BF, found, others);

@@ -34,16 +34,6 @@ constexpr std::size_t kMostCorrelated = 14;  // most parameters in the matrix
 constexpr std::size_t kStrongestPairs = 12;
 
 // The first three rows of the homogeneous matrix, row by row.
-Json frame12(const Eigen::Isometry3d& frame) {
-  Json result = Json::array();
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 4; ++column) {
-      result.push_back(frame.matrix()(row, column));
-    }
-  }
-  return result;
-}
-
 const char* type_name(JointType type) {
   return type == JointType::prismatic ? "prismatic" : type == JointType::revolute ? "revolute" : "continuous";
 }

@@ -59,6 +59,16 @@ Json files_json(const std::vector<HashedFile>& files) {
 
 Json array(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
 
+Json frame12(const Eigen::Isometry3d& frame) {
+  Json result = Json::array();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      result.push_back(frame.matrix()(row, column));
+    }
+  }
+  return result;
+}
+
 Json quaternion(const Eigen::Matrix3d& R) {
   const Eigen::Quaterniond q(R);
   const double sign = q.w() < 0.0 ? -1.0 : 1.0;

@@ -16,7 +16,8 @@ namespace kdl_calibration {
 using Json = nlohmann::ordered_json;
 
 Json array(const Eigen::Vector3d& v);
-Json quaternion(const Eigen::Matrix3d& R);  ///< w x y z, w not negative
+Json quaternion(const Eigen::Matrix3d& R);     ///< w x y z, w not negative
+Json frame12(const Eigen::Isometry3d& frame);  ///< the first three rows, one after the other
 /// The value, or null if not finite, as JSON has no infinity: not determined.
 Json finite_or_null(double value);
 /// "count", "mean", "rms", "p95", "max", "std"; null if the count is 0.

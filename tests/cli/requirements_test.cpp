@@ -97,10 +97,10 @@ TEST(Requirements, KeepTheirLimitsByAGuardBand) {
                                       "total": 0.001}},
     "parameters": [{"error": 0.002, "std": 0.0001}]})");
   const auto met = [&](const std::string& text, double guard = 2.0) {
-    return cli::guarded_outcomes({cli::parse_requirement(text)}, json, guard).at(0).is_met;
+    return cli::outcomes_of({cli::parse_requirement(text)}, json, guard).at(0).is_met;
   };
   const double u = std::hypot(0.4 / std::sqrt(2.0 * 8.0), 0.05);
-  EXPECT_NEAR(cli::guarded_outcomes({cli::parse_requirement("train.rms<1mm")}, json, 2.0).at(0).uncertainty, u * 1e-3,
+  EXPECT_NEAR(cli::outcomes_of({cli::parse_requirement("train.rms<1mm")}, json, 2.0).at(0).uncertainty, u * 1e-3,
               1e-12);
   for (const auto& [text, is_met] : std::vector<std::pair<std::string, bool>>{
            {"train.rms<=0.63mm", true},  // 0.4 + 2 * 0.1118 = 0.6236

@@ -40,7 +40,7 @@ TEST(NearbyWays, ComeInTheOrderOfTheirDistances) {
     EXPECT_LT((by_kdl(robot.chain, all[i]).matrix() - X_BF.matrix()).cwiseAbs().maxCoeff(), 1e-7);
     EXPECT_LE(i == 0 ? 0.0 : (all[i - 1] - near).norm(), (all[i] - near).norm());
   }
-  EXPECT_THAT(ways.others(X_BF, near, kAsked, 2.0), IsEmpty());
+  EXPECT_THAT(other_ways(ways.all(X_BF, near), near, kAsked, 2.0), IsEmpty());
 }
 
 // Half a turn of joint 6 away, the next turn is as near: pi + 0.1 against pi - 0.1.
@@ -50,7 +50,7 @@ TEST(NearbyWays, AreAboutAsNearWithinTwiceTheDistance) {
   SixJoints near = kAsked;
   near[5] -= kPi - 0.1;
   const Isometry3d X_BF = by_kdl(robot.chain, kAsked);
-  const std::vector<SixJoints> others = ways.others(X_BF, near, kAsked, 2.0);
+  const std::vector<SixJoints> others = other_ways(ways.all(X_BF, near), near, kAsked, 2.0);
   ASSERT_FALSE(others.empty());
   SixJoints further = kAsked;
   further[5] -= 2.0 * kPi;
@@ -59,7 +59,7 @@ TEST(NearbyWays, AreAboutAsNearWithinTwiceTheDistance) {
     EXPECT_GT((each - kAsked).norm(), 0.05);
     EXPECT_LE((each - near).norm(), 2.0 * (kAsked - near).norm());
   }
-  EXPECT_THAT(ways.others(X_BF, near, kAsked, 1.0), IsEmpty());
+  EXPECT_THAT(other_ways(ways.all(X_BF, near), near, kAsked, 1.0), IsEmpty());
 }
 
 TEST(NearbyWays, StayWithinTheLimits) {
