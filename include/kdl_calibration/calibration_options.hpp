@@ -71,6 +71,9 @@ struct EffectOptions {
   std::optional<bool> automatic = std::nullopt;
   /// Direction of gravity in the base frame, of any length. Not down for an arm on a wall or ceiling.
   Eigen::Vector3d gravity_direction = Eigen::Vector3d(0.0, 0.0, -1.0);
+  /// Of the caller's own: candidates where the groups are chosen, else part of the model. A result file names them, and
+  /// load_calibration wants them again.
+  std::vector<OwnEffect> own = {};
 };
 
 struct NoiseOptions {

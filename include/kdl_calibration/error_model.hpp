@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
 #include <string>
@@ -57,9 +58,11 @@ enum class EffectGroup : std::uint8_t {
   harmonics,   ///< eccentric encoder or gear: once and twice per turn
   ripple,      ///< gear error of many periods per turn
   tables,      ///< any smooth function of the joint value
-  torque       ///< joint compliance under the measured torque
+  torque,      ///< joint compliance under the measured torque
+  coupling,    ///< motion with the joints before it, through gears or a linkage
+  own          ///< a function of the caller's own, OwnEffect; asked for by that alone
 };
-constexpr std::size_t kEffectGroups = 8;
+constexpr std::size_t kEffectGroups = 9;  ///< those that can be asked for by name
 
 /// Axis of a joint's additional motion: its own, or one of the two across it, the images of x and y under z_onto(axis).
 enum class EffectAxis : std::uint8_t { own, across_x, across_y };
@@ -113,9 +116,35 @@ struct MeasuredTorque {
   double play = 0.0;  ///< [Nm or N] if above 0 the function is tanh(torque / play)
 };
 
+/// The value of another joint, or its sine or cosine.
+struct JointCoupling {
+  int joint = 0;       ///< index of the other joint
+  double times = 0.0;  ///< periods per turn of that joint; 0: its value
+  bool is_cosine = false;
+};
+
+/// Values of functions of the caller's own at N configurations: N x K for joint values joints x N in the URDF's
+/// convention [rad or m], each row from its configuration alone. Called from several threads at once.
+using OwnColumns = std::function<Eigen::MatrixXd(const Eigen::MatrixXd& joint_values)>;
+
+/// One column of a function of the caller's own.
+struct OwnFunction {
+  std::string effect;  ///< OwnEffect::name
+  OwnColumns columns;
+  Eigen::Index column = 0;
+};
+
 /// The function of an effect, one struct per kind.
-using EffectFunction =
-    std::variant<GravityMoment, LoadTorque, JointGain, LoadSide, ApproachSide, Sinusoid, JointTable, MeasuredTorque>;
+using EffectFunction = std::variant<GravityMoment, LoadTorque, JointGain, LoadSide, ApproachSide, Sinusoid, JointTable,
+                                    MeasuredTorque, JointCoupling, OwnFunction>;
+
+/// An effect of the caller's own: a motion of a joint by an unknown multiple of each of its columns.
+struct OwnEffect {
+  std::string name;   ///< letters, digits, '_' and '-'
+  std::string joint;  ///< URDF joint that moves
+  EffectAxis axis = EffectAxis::own;
+  OwnColumns columns;
+};
 
 /// A motion of a joint that the rigid chain does not have: value · (raw(q) - mean) / scale, added to the joint's value
 /// or tilting what it carries. `raw` is evaluated at commanded values and nominal geometry, so that it never depends on
@@ -123,7 +152,8 @@ using EffectFunction =
 struct EffectTerm {
   /// "gravity.2.3x": joint 2, load of link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
   /// "ripple.3.sin200.5", "tables.3.12"; "backlash.2" from the load, "backlash.2.approach"; "torque.2",
-  /// "torque.2.tanh".
+  /// "torque.2.tanh"; "coupling.6.5", "coupling.6.5.sin1": joint 6 with joint 5; "own.NAME.2", "own.NAME.2.1" from its
+  /// second column on.
   std::string name;
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint

@@ -6,6 +6,7 @@
 //     const Calibration again = load_calibration("result.json", robot);
 
 #include <filesystem>
+#include <vector>
 
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -22,7 +23,8 @@ void write_result(const std::filesystem::path& file, const Robot& robot, const M
 
 /// Reads a result. Errors must not be applied twice, so that it wants the URDF that was calibrated. Throws InputError:
 /// unreadable file, malformed JSON, a missing key, a value of the wrong type, a parameter unknown to the robot, another
-/// robot, a part that does not match its hash.
-Calibration load_calibration(const std::filesystem::path& file, const Robot& robot);
+/// robot, a part that does not match its hash, an effect of a program's own that is not among `own`.
+Calibration load_calibration(const std::filesystem::path& file, const Robot& robot,
+                             const std::vector<OwnEffect>& own = {});
 
 }  // namespace kdl_calibration

@@ -1,9 +1,13 @@
 #include "calibration/calibration_settings.hpp"
 
+#include <algorithm>
+#include <cctype>
+#include <set>
 #include <string>
 #include <utility>
 
 #include "base/preconditions.hpp"
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -20,9 +24,29 @@ void require_no_other_choice(const CalibrationOptions& options) {
         std::pair{!parameters.free.empty(), "free"}, std::pair{!parameters.known.bases.empty(), "known base"},
         std::pair{!parameters.known.targets.empty(), "known targets"},
         std::pair{priors.stated.length > 0.0 || priors.stated.angle > 0.0 || priors.automatic.value_or(false), "prior"},
-        std::pair{!effects.groups.empty() || effects.automatic.value_or(false), "effects"}}) {
+        std::pair{!effects.groups.empty() || !effects.own.empty() || effects.automatic.value_or(false), "effects"}}) {
     if (is_made) {
       throw OptionError("prior_result", std::string("decides this already, expected no ") + option + " beside it");
+    }
+  }
+}
+
+// They are part of the names of terms.
+void require_names(const std::vector<OwnEffect>& effects) {
+  std::set<std::string> names;
+  for (const OwnEffect& effect : effects) {
+    const bool is_word = !effect.name.empty() && std::all_of(effect.name.begin(), effect.name.end(), [](char c) {
+      return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-';
+    });
+    if (!is_word) {
+      throw OptionError("effects.own",
+                        shown(effect.name) + " is not accepted as a name, expected letters, digits, _ and -");
+    }
+    if (!names.insert(effect.name).second) {
+      throw OptionError("effects.own", effect.name + " is given twice, expected each name once");
+    }
+    if (!effect.columns) {
+      throw OptionError("effects.own", effect.name + " has no function, expected one of the joint values");
     }
   }
 }
@@ -46,6 +70,7 @@ CalibrationSettings settings_of(const CalibrationOptions& options) {
   for (const EffectGroup group : effects.groups) {
     require_index("the group of effects", static_cast<std::size_t>(group), kEffectGroups);
   }
+  require_names(effects.own);
   if (options.estimator.iterations > kMostIterations) {
     throw OptionError("iterations", "at most " + std::to_string(kMostIterations) + " are possible");
   }
@@ -56,7 +81,8 @@ CalibrationSettings settings_of(const CalibrationOptions& options) {
                         .automatic_priors =
                             options.priors.automatic.value_or(chooses && !(stated.length > 0.0 || stated.angle > 0.0)),
                         .effects = {.groups = effects.groups,
-                                    .automatic = effects.automatic.value_or(chooses && effects.groups.empty())}},
+                                    .automatic = effects.automatic.value_or(chooses && effects.groups.empty()),
+                                    .own = effects.own}},
           .validation = options.validation,
           .diagnosis = options.diagnosis,
           .predict_at = options.predict_at,

@@ -57,6 +57,10 @@ double ordinary_size(const EffectTerm& term) {
       return kOrdinaryGain * term.scale;
     case EffectGroup::gravity:
       return kOrdinarySag;
+    case EffectGroup::coupling: {
+      const bool is_ratio = std::get<JointCoupling>(term.function).times == 0.0;
+      return is_ratio ? kOrdinaryGain * term.scale : kOrdinaryEffect;
+    }
     default:
       return kOrdinaryEffect;
   }

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <string>
 
+#include "base/number_text.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
@@ -152,6 +153,14 @@ struct RawValue {
     return measured.play > 0.0 ? std::tanh(torque / measured.play) : torque;
   }
 
+  double operator()(const JointCoupling& coupling) const {
+    const double other = stop.q[coupling.joint];
+    return coupling.times == 0.0 ? other
+           : coupling.is_cosine  ? std::cos(coupling.times * other)
+                                 : std::sin(coupling.times * other);
+  }
+  double operator()(const OwnFunction& own_function) const { return own_values(own_function, stop.q)[0]; }
+
   // NaN if no such signals were measured.
   double signal(const MatrixXd& values) const {
     return values.size() > 0 ? values(term.index, stop.column) : std::numeric_limits<double>::quiet_NaN();
@@ -164,7 +173,49 @@ double raw_value(const ErrorModel& model, const EffectTerm& term, const Stop& st
   return std::visit(RawValue{.model = model, .term = term, .stop = stop}, term.function);
 }
 
+namespace {
+
+std::string in_words(const Ref<const VectorXd>& q) {
+  std::string text;
+  for (const double value : q) {
+    text += (text.empty() ? "" : ", ") + shortest(value);
+  }
+  return text;
+}
+
+}  // namespace
+
+MatrixXd own_columns(const std::string& effect, const OwnColumns& columns, const MatrixXd& joint_values) {
+  MatrixXd values = columns(joint_values);
+  const auto fail = [&](const std::string& what, const std::string& expected) {
+    throw InputError("effects.own: " + effect + " gives " + what + ", expected " + expected);
+  };
+  const Index count = joint_values.cols();
+  if (values.rows() != count || values.cols() == 0) {
+    fail(std::to_string(values.rows()) + " rows of " + std::to_string(values.cols()) + " columns",
+         "a row for each of the " + std::to_string(count) + " configurations and at least one column");
+  }
+  for (Index c = 0; c < count; ++c) {
+    if (!values.row(c).allFinite()) {
+      fail("a value that is not finite at joint values " + in_words(joint_values.col(c)), "finite numbers");
+    }
+  }
+  return values;
+}
+
+VectorXd own_values(const OwnFunction& own, const MatrixXd& joint_values) {
+  const MatrixXd values = own_columns(own.effect, own.columns, joint_values);
+  if (own.column >= values.cols()) {
+    throw InputError("effects.own: " + own.effect + " gives " + std::to_string(values.cols()) +
+                     " columns, expected as many as when it was fitted");
+  }
+  return values.col(own.column);
+}
+
 VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Stops& stops) {
+  if (const auto* const own = std::get_if<OwnFunction>(&term.function)) {
+    return own_values(*own, stops.q);
+  }
   VectorXd result(stops.q.cols());
   for (Index c = 0; c < result.size(); ++c) {
     result[c] = raw_value(model, term, {stops.q.col(c), stops.frames[static_cast<std::size_t>(c)], stops.signals, c});

@@ -11,6 +11,7 @@
 #include "base/random.hpp"
 #include "effects/effect_functions.hpp"
 #include "effects/joint_effects.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
 #include "robot/mimic.hpp"
 
@@ -162,12 +163,31 @@ void add_swings(const ErrorModel& model, std::size_t joint, const std::vector<Si
   }
 }
 
+void add_coupling(const ErrorModel& model, std::size_t joint, std::vector<EffectTerm>& terms) {
+  constexpr std::size_t kBefore = 2;  // joints, as of a hollow wrist
+  for (std::size_t back = 1; back <= std::min(kBefore, joint); ++back) {
+    const std::size_t other = joint - back;
+    const std::string number = std::to_string(other + 1);
+    JointCoupling coupling{.joint = static_cast<int>(other)};
+    terms.push_back(term_of(model, joint, coupling, number));
+    coupling.times = 1.0;
+    for (const bool cosine : {false, true}) {
+      coupling.is_cosine = cosine;
+      if (back == 1 && !slides(model, other)) {
+        terms.push_back(term_of(model, joint, coupling, number + (cosine ? ".cos1" : ".sin1")));
+      }
+    }
+  }
+}
+
 constexpr double kLeastScale = 0.05;  // least standard deviation of a function of unit size
 constexpr double kNew = 0.05;         // least part of a function not explained by others of its joint
 
 bool has_no_unit_size(const EffectTerm& term) {
   const auto* const torque = std::get_if<MeasuredTorque>(&term.function);
-  return std::holds_alternative<JointGain>(term.function) || (torque != nullptr && torque->play == 0.0);
+  const auto* const coupling = std::get_if<JointCoupling>(&term.function);
+  return std::holds_alternative<JointGain>(term.function) || std::holds_alternative<OwnFunction>(term.function) ||
+         (torque != nullptr && torque->play == 0.0) || (coupling != nullptr && coupling->times == 0.0);
 }
 
 // Sets means and scales, and leaves out terms that the N joint values do not tell apart.
@@ -239,11 +259,35 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
       case EffectGroup::harmonics:
         add_swings(model, joint, {{.times = 1.0}, {.times = 2.0}}, all);
         break;
-      case EffectGroup::tables:
-        break;  // of all joints together, above
+      case EffectGroup::coupling:
+        add_coupling(model, joint, all);
+        break;
+      case EffectGroup::tables:  // of all joints together, above
+      case EffectGroup::own:     // own_terms
+        break;
     }
   }
   return distinguishable_terms(model, all, stops);
+}
+
+std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own, const MatrixXd& joint_values) {
+  const auto found = std::find_if(model.joints.begin(), model.joints.end(),
+                                  [&](const MovingJoint& joint) { return joint.name == own.joint; });
+  if (found == model.joints.end()) {
+    throw InputError("effects.own: " + own.name + " moves " + own.joint + ", expected a moving joint of the robot");
+  }
+  const auto joint = static_cast<std::size_t>(found - model.joints.begin());
+  const Index columns = own_columns(own.name, own.columns, joint_values).cols();
+  std::vector<EffectTerm> all;
+  for (Index column = 0; column < columns; ++column) {
+    all.push_back(
+        term_of(model, joint, OwnFunction{.effect = own.name, .columns = own.columns, .column = column}, {}, own.axis));
+    all.back().name =
+        size_name(all.back()) + "." + std::to_string(joint + 1) + (column > 0 ? "." + std::to_string(column) : "");
+  }
+  const DriveSignals none;
+  return distinguishable_terms(
+      model, all, {.q = joint_values, .signals = none, .frames = joint_frames_of_all(model, joint_values)});
 }
 
 std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const MatrixXd& joint_values, std::size_t joint,

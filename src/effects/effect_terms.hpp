@@ -23,6 +23,7 @@ namespace kdl_calibration {
 /// sign of the joint's last motion.
 /// Torque. The measured torque, and its tanh over 0.15 of its mean size. Throws InputError if only some configurations
 /// have a joint's torque.
+/// Coupling. The values of the two joints before, and sine and cosine of the last one.
 /// Ripple. ripple_search finds the frequency in the residuals; here 100 per turn in every joint, for simulated robots.
 /// Tables. A Gaussian process of Matérn-3/2 covariance in the Hilbert-space basis of Solin and Särkkä (2020), of length
 /// `length` [rad or m]; its functions are not scaled, so that `sigma` is the table's.
@@ -30,6 +31,10 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
                                      const DriveSignals& signals = {});
 /// `length`: for all joints, but at most half of a joint's measured range.
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const Eigen::MatrixXd& joint_values, double length);
+
+/// The columns of an effect of the caller's own that joint values (joints x N) can tell apart, standardised as the
+/// others. Throws InputError for a joint that the robot does not have, and what own_columns() refuses.
+std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own, const Eigen::MatrixXd& joint_values);
 
 /// Sine and cosine of one revolute joint.
 std::vector<EffectTerm> ripple_terms(const ErrorModel& model, const Eigen::MatrixXd& joint_values, std::size_t joint,

@@ -21,8 +21,9 @@ using Eigen::Ref;
 using Eigen::VectorXd;
 
 const char* to_string(EffectGroup group) {
-  constexpr std::array<const char*, kEffectGroups> kNames = {"gravity",   "transverse", "gain",   "backlash",
-                                                             "harmonics", "ripple",     "tables", "torque"};
+  constexpr std::array kNames = {"gravity", "transverse", "gain",   "backlash", "harmonics",
+                                 "ripple",  "tables",     "torque", "coupling", "own"};
+  static_assert(kNames.size() == kEffectGroups + 1, "the last one has no group that can be asked for");
   return kNames[static_cast<std::size_t>(group)];
 }
 
@@ -50,16 +51,20 @@ std::vector<std::string> effect_group_names() {
 
 EffectGroup EffectTerm::group() const {
   using enum EffectGroup;
-  constexpr std::array kGroups = {gravity, gravity, gain, backlash, backlash, harmonics, tables, torque};
+  constexpr std::array kGroups = {gravity, gravity, gain, backlash, backlash, harmonics, tables, torque, coupling, own};
   static_assert(kGroups.size() == std::variant_size_v<EffectFunction>, "a group for each kind, in the same order");
   if (const auto* const swing = std::get_if<Sinusoid>(&function)) {
     return swing->is_ripple ? ripple : harmonics;
   }
-  return axis == EffectAxis::own ? kGroups[function.index()] : transverse;
+  const EffectGroup of_kind = kGroups[function.index()];
+  return of_kind == gravity && axis != EffectAxis::own ? transverse : of_kind;
 }
 
 std::string size_name(const EffectTerm& term) {
   const std::string group = to_string(term.group());
+  if (const auto* const own = std::get_if<OwnFunction>(&term.function)) {
+    return group + "." + own->effect;
+  }
   return term.group() == EffectGroup::tables ? group + "." + std::to_string(term.index + 1) : group;
 }
 
@@ -114,7 +119,16 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, con
     const JointFrames frames = joint_frames(model, joint_values.col(c));
     const Stop stop{joint_values.col(c), frames, signals, c};
     for (std::size_t e = 0; e < model.effects.size(); ++e) {
-      basis(static_cast<Index>(e), c) = scaled(model.effects[e], raw_value(model, model.effects[e], stop));
+      const EffectTerm& term = model.effects[e];
+      if (!std::holds_alternative<OwnFunction>(term.function)) {
+        basis(static_cast<Index>(e), c) = scaled(term, raw_value(model, term, stop));
+      }
+    }
+  }
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {  // of all configurations in one call
+    const EffectTerm& term = model.effects[e];
+    if (const auto* const own = std::get_if<OwnFunction>(&term.function)) {
+      basis.row(static_cast<Index>(e)) = (own_values(*own, joint_values).array() - term.mean) / term.scale;
     }
   }
   return basis;

@@ -14,13 +14,15 @@
 
 namespace kdl_calibration {
 
-/// Name of the terms that share a prior sigma: a group, or one joint's table. "gravity", "tables.3".
+/// Name of the terms that share a prior sigma: a group, one joint's table or one effect of the caller's own. "gravity",
+/// "tables.3", "own.droop".
 std::string size_name(const EffectTerm& term);
 
-/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque".
+/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque", "coupling", "own".
 const char* to_string(EffectGroup group);
 /// "own", "x", "y".
 const char* to_string(EffectAxis axis);
+/// The groups that can be asked for by name, which `own` is not.
 std::optional<EffectGroup> effect_group(const std::string& name);
 std::vector<std::string> effect_group_names();
 

@@ -46,7 +46,8 @@ void write_report(const std::filesystem::path& file, const Robot& robot, const M
                                .measurements = &measurements,
                                .known = settings.parameters.known,
                                .convention = settings.diagnosis.convention,
-                               .plan_command = {}}),
+                               .plan_command = {},
+                               .own = settings.selection.effects.own}),
              robot, measurements.source);
 }
 
@@ -54,9 +55,9 @@ void write_urdf(const std::filesystem::path& file, const Robot& robot, const Cal
   write_file(file, calibrated_urdf(robot, calibration), robot);
 }
 
-Calibration load_calibration(const std::filesystem::path& file, const Robot& robot) {
+Calibration load_calibration(const std::filesystem::path& file, const Robot& robot, const std::vector<OwnEffect>& own) {
   require_as_parsed(robot);
-  return Calibration(std::make_shared<CalibrationParts>(read_calibration(file, robot)));
+  return Calibration(std::make_shared<CalibrationParts>(read_calibration(file, robot, own)));
 }
 
 }  // namespace kdl_calibration

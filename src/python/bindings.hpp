@@ -26,6 +26,7 @@ struct Found {
   std::shared_ptr<const Robot> robot;
   std::shared_ptr<const Measurements> measurements;  ///< null if it was read from a file
   std::string text = {};                             ///< of that file
+  py::dict own = {};                                 ///< its effects that are functions of the caller's own
   mutable std::optional<CalibratedArm> made_arm = {};
 
   const CalibratedArm& arm() const {

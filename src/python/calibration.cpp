@@ -45,7 +45,7 @@ FoundPointer calibrated(const std::shared_ptr<Robot>& robot, const std::shared_p
     return calibrate(*robot, *measurements, options);
   });
   return std::make_shared<Found>(
-      Found{.calibration = std::move(calibration), .robot = robot, .measurements = measurements});
+      Found{.calibration = std::move(calibration), .robot = robot, .measurements = measurements, .own = stated.own});
 }
 
 std::string file_text(const std::filesystem::path& file) {
@@ -54,10 +54,13 @@ std::string file_text(const std::filesystem::path& file) {
   return text.str();
 }
 
-FoundPointer loaded(const std::filesystem::path& file, const std::shared_ptr<Robot>& robot) {
-  Calibration calibration = load_calibration(file, *robot);
-  return std::make_shared<Found>(
-      Found{.calibration = std::move(calibration), .robot = robot, .measurements = nullptr, .text = file_text(file)});
+FoundPointer loaded(const std::filesystem::path& file, const std::shared_ptr<Robot>& robot, const py::dict& own) {
+  Calibration calibration = load_calibration(file, *robot, own_effects(own, "own"));
+  return std::make_shared<Found>(Found{.calibration = std::move(calibration),
+                                       .robot = robot,
+                                       .measurements = nullptr,
+                                       .text = file_text(file),
+                                       .own = own});
 }
 
 void save(const Found& found, const std::filesystem::path& file) {
@@ -234,6 +237,7 @@ void bind_calibration(py::module_& module) {
           [](const Found& found, const py::object& q, int threads) { return flange_poses(found.arm(), q, threads); },
           "q"_a, "threads"_a = 0,
           "q: (N, n) or (n,) [rad or m]. Returns (N, 4, 4) or (4, 4): the flange in the base frame [m].")
+      .def_readonly("own", &Found::own, "The effects that are functions of the caller's own.")
       .def("save", &save, "file"_a, "Writes the result that `kdlcal calibrate --result` writes, and `load` reads.")
       .def(
           "report",
@@ -260,8 +264,10 @@ void bind_calibration(py::module_& module) {
              "    calibrate(robot, m, parameters={'fix': ['Tx*']}, noise={'stated': {'independent': 3e-5}})\n"
              "progress: called with a stage, how many of its fits are done, and their number.\n\n"
              "Raises InputError for bad input, TypeError for an unknown keyword. Ctrl-C stops it.");
-  module.def("load", &loaded, "file"_a, "robot"_a,
-             "Reads a result. robot: the one that was calibrated. Raises InputError for another one and a bad file.");
+  module.def("load", &loaded, "file"_a, "robot"_a, "own"_a = py::dict(),
+             "Reads a result. robot: the one that was calibrated. own: its effects that are functions of your own, as "
+             "in the keyword effects of calibrate.\n\n"
+             "Raises InputError for another robot, a bad file and an effect of your own that is not given.");
 }
 
 }  // namespace kdl_calibration::python

@@ -174,10 +174,10 @@ Members::Reader noise_into(NoiseModel& into) {
   };
 }
 
-const Words<EffectGroup> kGroups = {{"gravity", EffectGroup::gravity},     {"transverse", EffectGroup::transverse},
-                                    {"gain", EffectGroup::gain},           {"backlash", EffectGroup::backlash},
-                                    {"harmonics", EffectGroup::harmonics}, {"ripple", EffectGroup::ripple},
-                                    {"tables", EffectGroup::tables},       {"torque", EffectGroup::torque}};
+const Words<EffectGroup> kGroups = {
+    {"gravity", EffectGroup::gravity},   {"transverse", EffectGroup::transverse}, {"gain", EffectGroup::gain},
+    {"backlash", EffectGroup::backlash}, {"harmonics", EffectGroup::harmonics},   {"ripple", EffectGroup::ripple},
+    {"tables", EffectGroup::tables},     {"torque", EffectGroup::torque},         {"coupling", EffectGroup::coupling}};
 
 Members::Reader groups_into(std::vector<EffectGroup>& into) {
   return [&into](const py::handle& given, const std::string& where) {
@@ -188,6 +188,35 @@ Members::Reader groups_into(std::vector<EffectGroup>& into) {
       into.push_back(word(py::str(name), kGroups, where));
     }
   };
+}
+
+// A function of joint values (N, n) that gives (N,) or (N, K), called from any thread.
+OwnColumns columns_by(const py::handle& given, const std::string& where) {
+  if (PyCallable_Check(given.ptr()) == 0) {
+    throw py::type_error(where + ": " + std::string(py::repr(given)) + ", expected a function of joint values (N, n)");
+  }
+  const std::shared_ptr<const py::object> function(new py::object(py::reinterpret_borrow<py::object>(given)),
+                                                   [](const py::object* object) {
+                                                     const py::gil_scoped_acquire lock;
+                                                     delete object;  // NOLINT(cppcoreguidelines-owning-memory)
+                                                   });
+  return [function, where](const Eigen::MatrixXd& joint_values) -> Eigen::MatrixXd {
+    const py::gil_scoped_acquire lock;
+    Doubles q({joint_values.cols(), joint_values.rows()});
+    std::copy_n(joint_values.data(), joint_values.size(), q.mutable_data());
+    const Doubles values = doubles((*function)(q), where);
+    if (values.ndim() != 1 && values.ndim() != 2) {
+      throw py::value_error(where + ": an array of shape " + std::string(py::str(values.attr("shape"))) +
+                            ", expected (N,) or (N, K)");
+    }
+    const py::ssize_t columns = values.ndim() == 2 ? values.shape(1) : 1;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    return Eigen::Map<const RowMajor>(values.data(), values.shape(0), columns);
+  };
+}
+
+Members::Reader own_into(std::vector<OwnEffect>& into) {
+  return [&into](const py::handle& given, const std::string& where) { into = own_effects(given, where); };
 }
 
 Members::Reader configurations_into(Configurations& into) {
@@ -251,6 +280,25 @@ std::vector<TargetFrame> target_frames(const py::handle& given, const std::strin
   return targets;
 }
 
+std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& where) {
+  if (!py::isinstance<py::dict>(given)) {
+    throw py::type_error(where + ": expected a dict of names and effects {'joint': …, 'function': …}");
+  }
+  std::vector<OwnEffect> effects;
+  for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(given)) {
+    OwnEffect effect{.name = py::str(key)};
+    Members()
+        .with("joint", effect.joint)
+        .by("axis",
+            one_of(effect.axis, {{"own", EffectAxis::own}, {"x", EffectAxis::across_x}, {"y", EffectAxis::across_y}}))
+        .by("function",
+            [&](const py::handle& function, const std::string& place) { effect.columns = columns_by(function, place); })
+        .read(value, where + "." + effect.name);
+    effects.push_back(std::move(effect));
+  }
+  return effects;
+}
+
 GivenCalibrationOptions calibration_options(const py::dict& keywords) {
   GivenCalibrationOptions result;
   CalibrationOptions& options = result.options;
@@ -273,6 +321,7 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
       .by("effects", structure(Members()
                                    .by("groups", groups_into(options.effects.groups))
                                    .with("automatic", options.effects.automatic)
+                                   .by("own", own_into(options.effects.own))
                                    .by("gravity_direction", vector_into(options.effects.gravity_direction))))
       .by("noise", structure(Members()
                                  .by("stated", noise_into(options.noise.stated))
@@ -291,6 +340,9 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
       .with("threads", options.threads)
       .with("progress", result.progress)
       .read(keywords, "");
+  if (keywords.contains("effects") && py::dict(keywords["effects"]).contains("own")) {
+    result.own = py::dict(keywords["effects"])["own"];
+  }
   return result;
 }
 

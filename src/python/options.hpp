@@ -24,6 +24,7 @@ namespace kdl_calibration::python {
 struct GivenCalibrationOptions {
   CalibrationOptions options;            ///< without `progress`
   std::shared_ptr<const Found> earlier;  ///< keeps priors.earlier alive
+  py::dict own;                          ///< effects.own as given
   py::object progress = py::none();
 };
 GivenCalibrationOptions calibration_options(const py::dict& keywords);
@@ -43,6 +44,9 @@ struct GivenValidation {
   DiagnosisOptions diagnosis;
 };
 GivenValidation validation_options(const py::dict& keywords);
+
+/// A dict of names and {'joint': name, 'axis': 'own', 'x' or 'y', 'function': (N, n) -> (N,) or (N, K)}.
+std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& where);
 
 /// A dict of names and positions (3,), or poses (4, 4) of targets with orientation.
 std::vector<TargetFrame> target_frames(const py::handle& given, const std::string& where);

@@ -84,6 +84,12 @@ std::string in_words(const CalibrationResult& calibration, const EffectMotion& m
       return joint.name + " is off by up to " + most + " along its range";
     case EffectGroup::torque:
       return joint.name + " deflects by up to " + most + " under its measured torque";
+    case EffectGroup::coupling:
+      return joint.name + " moves by up to " + most + " with the joints before it";
+    case EffectGroup::own: {
+      const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(motion.terms.front())];
+      return joint.name + " moves by up to " + most + " by " + std::get<OwnFunction>(term.function).effect;
+    }
   }
   return {};
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -67,6 +68,16 @@ Json function_json(const MeasuredTorque& torque) {
   return torque.play > 0.0 ? Json{{"of", "tanh"}, {"play", torque.play}} : Json{{"of", "torque"}};
 }
 
+Json function_json(const JointCoupling& coupling) {
+  Json json = {{"joint", coupling.joint + 1}};
+  if (coupling.times > 0.0) {
+    json.update({{"of", coupling.is_cosine ? "cos" : "sin"}, {"times", coupling.times}});
+  }
+  return json;
+}
+
+Json function_json(const OwnFunction& own) { return {{"effect", own.effect}, {"column", own.column}}; }
+
 Json term_json(const EffectTerm& term, double coefficient) {
   return {{"name", term.name},
           {"joint", term.joint},
@@ -129,7 +140,29 @@ JointTable read_table(const Node& node) {
   return table;
 }
 
-EffectFunction read_function(const Node& node, EffectGroup group, int joints) {
+JointCoupling read_coupling(const Node& node, int joints) {
+  JointCoupling coupling{.joint = whole_number(member(node, "joint"), 1, joints) - 1};
+  if (has(node, "of")) {
+    coupling.is_cosine = place_among({"sin", "cos"}, member(node, "of"), "sin or cos") == 1;
+    coupling.times = whole_number(member(node, "times"), 1, 1000);
+  }
+  return coupling;
+}
+
+OwnFunction read_own(const Node& node, std::span<const OwnEffect> own) {
+  const Node effect = member(node, "effect");
+  const std::string name = tree::name(effect);
+  const auto found = std::find_if(own.begin(), own.end(), [&](const OwnEffect& given) { return given.name == name; });
+  if (found == own.end()) {
+    tree::fail(effect, "a result whose effects are all kdlcal's: '" + name +
+                           "' is a function of the program that fitted it, which only that program can give again");
+  }
+  return {.effect = name, .columns = found->columns, .column = whole_number(member(node, "column"), 0, 1000)};
+}
+
+EffectFunction read_function(const Node& node, EffectGroup group, const ErrorModel& model,
+                             std::span<const OwnEffect> own) {
+  const auto joints = static_cast<int>(model.joints.size());
   switch (group) {
     case EffectGroup::gravity:
     case EffectGroup::transverse:
@@ -155,13 +188,17 @@ EffectFunction read_function(const Node& node, EffectGroup group, int joints) {
       const bool is_tanh = place_among({"torque", "tanh"}, member(node, "of"), "torque or tanh") == 1;
       return MeasuredTorque{.play = is_tanh ? positive(member(node, "play")) : 0.0};
     }
+    case EffectGroup::coupling:
+      return read_coupling(node, joints);
+    case EffectGroup::own:
+      return read_own(node, own);
     case EffectGroup::gain:
       break;
   }
   return JointGain{};
 }
 
-EffectTerm read_term(const Node& node, const ErrorModel& model) {
+EffectTerm read_term(const Node& node, const ErrorModel& model, std::span<const OwnEffect> own) {
   EffectTerm term;
   term.name = tree::name(member(node, "name"));
   const Node joint = member(node, "joint");
@@ -172,19 +209,20 @@ EffectTerm read_term(const Node& node, const ErrorModel& model) {
     tree::fail(joint, "a moving joint of this robot");
   }
   term.index = static_cast<int>(found - model.joints.begin());
-  const std::vector<std::string> names = effect_group_names();
+  std::vector<std::string> names = effect_group_names();
+  names.emplace_back(to_string(EffectGroup::own));
   const Node group = member(node, "group");
   const auto known = static_cast<EffectGroup>(place_among(names, group, "one of " + comma_separated(names)));
   if (has(node, "about")) {  // else the result has effects about the joints' own axes alone
     term.axis = static_cast<EffectAxis>(place_among({"own", "x", "y"}, member(node, "about"), "own, x or y"));
   }
-  if ((known == EffectGroup::transverse) == (term.axis == EffectAxis::own)) {
+  if (known != EffectGroup::own && (known == EffectGroup::transverse) == (term.axis == EffectAxis::own)) {
     tree::fail(group, "about x or y where it is transverse, else about its own axis");
   }
   term.mean = number(member(node, "mean"));
   term.scale = positive(member(node, "scale"));
   term.sigma = positive(member(node, "sigma"));
-  term.function = read_function(member(node, "function"), known, static_cast<int>(model.joints.size()));
+  term.function = read_function(member(node, "function"), known, model, own);
   return term;
 }
 
@@ -219,7 +257,7 @@ std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coeffic
   return Json({{"gravity_direction", array(to_eigen(model.gravity))}, {"terms", terms}}).dump();
 }
 
-SavedEffects read_effects(const Node& block, const ErrorModel& model) {
+SavedEffects read_effects(const Node& block, const ErrorModel& model, std::span<const OwnEffect> own) {
   SavedEffects saved;
   constexpr double kRounding = 1e-6;
   const Node direction = member(block, "gravity_direction");
@@ -235,7 +273,7 @@ SavedEffects read_effects(const Node& block, const ErrorModel& model) {
   std::vector<double> values;
   if (!terms.json.empty()) {
     for (const Node& node : elements(terms)) {
-      saved.terms.push_back(read_term(node, model));
+      saved.terms.push_back(read_term(node, model, own));
       values.push_back(number(member(node, "coefficient")));
       const bool stated = has(node, "degrees_of_freedom") && !member(node, "degrees_of_freedom").json.is_null();
       saved.degrees_of_freedom.push_back(stated ? number(member(node, "degrees_of_freedom"))

@@ -4,6 +4,7 @@
 // to apply them.
 
 #include <nlohmann/json.hpp>
+#include <span>
 #include <vector>
 
 #include "base/json_tree.hpp"
@@ -19,7 +20,8 @@ struct SavedEffects {
   std::vector<double> degrees_of_freedom;  ///< infinite where the file states none
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);
 };
-/// Throws InputError if a term does not fit this robot.
-SavedEffects read_effects(const tree::Node& block, const ErrorModel& model);
+/// `own`: the functions of effects that are not kdlcal's. Throws InputError if a term does not fit this robot, or is of
+/// another function.
+SavedEffects read_effects(const tree::Node& block, const ErrorModel& model, std::span<const OwnEffect> own = {});
 
 }  // namespace kdl_calibration

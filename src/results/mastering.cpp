@@ -105,14 +105,30 @@ struct Turn {
   Eigen::Matrix2d matrix;
 };
 
-const Sinusoid* sinusoid_of(const EffectTerm& term) { return std::get_if<Sinusoid>(&term.function); }
+// Sine or cosine of the value of joint `of`.
+struct Swing {
+  int of = 0;
+  double times = 0.0;
+  bool is_cosine = false;
+};
+std::optional<Swing> swing_of(const EffectTerm& term) {
+  if (const auto* const own = std::get_if<Sinusoid>(&term.function)) {
+    return Swing{.of = term.index, .times = own->times, .is_cosine = own->is_cosine};
+  }
+  const auto* const coupling = std::get_if<JointCoupling>(&term.function);
+  if (coupling == nullptr || coupling->times == 0.0) {
+    return std::nullopt;
+  }
+  return Swing{.of = coupling->joint, .times = coupling->times, .is_cosine = coupling->is_cosine};
+}
 
 // The cosine that belongs to a sine.
 std::optional<std::size_t> partner_of(const std::vector<EffectTerm>& terms, const EffectTerm& sine) {
+  const Swing of_sine = *swing_of(sine);
   for (std::size_t i = 0; i < terms.size(); ++i) {
-    const Sinusoid* other = sinusoid_of(terms[i]);
-    if (other != nullptr && other->is_cosine && terms[i].index == sine.index && terms[i].axis == sine.axis &&
-        other->times == sinusoid_of(sine)->times && other->is_ripple == sinusoid_of(sine)->is_ripple) {
+    const std::optional<Swing> other = swing_of(terms[i]);
+    if (other && other->is_cosine && other->of == of_sine.of && other->times == of_sine.times &&
+        terms[i].index == sine.index && terms[i].axis == sine.axis && terms[i].group() == sine.group()) {
       return i;
     }
   }
@@ -123,8 +139,8 @@ std::optional<std::size_t> partner_of(const std::vector<EffectTerm>& terms, cons
 std::vector<Turn> move_sinusoids(Json& terms, const std::vector<EffectTerm>& effects, const VectorXd& shifts) {
   std::vector<Turn> turns;
   for (std::size_t i = 0; i < effects.size(); ++i) {
-    const Sinusoid* swing = sinusoid_of(effects[i]);
-    if (swing == nullptr || swing->is_cosine) {
+    const std::optional<Swing> swing = swing_of(effects[i]);
+    if (!swing || swing->is_cosine) {
       continue;
     }
     const std::optional<std::size_t> k = partner_of(effects, effects[i]);
@@ -133,7 +149,7 @@ std::vector<Turn> move_sinusoids(Json& terms, const std::vector<EffectTerm>& eff
     }
     Json& sine = terms[i];
     Json& cosine = terms[*k];
-    const double angle = swing->times * shifts[effects[i].index];
+    const double angle = swing->times * shifts[swing->of];
     const Eigen::Matrix2d turn = Eigen::Rotation2Dd(-angle).toRotationMatrix();  // of (a, b), also of their means
     const Eigen::Vector2d scales(effects[i].scale, effects[*k].scale);
     const Eigen::Vector2d means = turn * Eigen::Vector2d(effects[i].mean, effects[*k].mean);
@@ -158,6 +174,9 @@ std::vector<Turn> move_effects(Json& result, const std::vector<EffectTerm>& effe
     const double shift = shifts[effects[i].index];
     if (std::holds_alternative<JointGain>(effects[i].function)) {
       add_to(terms[i], "mean", shift);
+    } else if (const auto* const coupling = std::get_if<JointCoupling>(&effects[i].function);
+               coupling != nullptr && coupling->times == 0.0) {
+      add_to(terms[i], "mean", shifts[coupling->joint]);
     } else if (std::holds_alternative<JointTable>(effects[i].function)) {
       Json& table = terms[i]["function"];
       add_to(table, "lower", shift);

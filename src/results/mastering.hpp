@@ -26,9 +26,9 @@ struct MasteredResult {
 };
 
 /// With M the convention's matrix and e what was entered, the URDF's joint values grow by E = M e, so that the offsets
-/// become dq - E. Functions of single joint values (gain, harmonics, ripple, tables) and the measured region are moved
-/// by E as well. `asked` points are left out, as they were predicted at the old joint values. Throws InputError for a
-/// result that is not valid, not of this robot or not trusted.
+/// become dq - E. Functions of single joint values (gain, harmonics, ripple, tables, coupling) and the measured region
+/// are moved by E as well. `asked` points are left out, as they were predicted at the old joint values. Throws
+/// InputError for a result that is not valid, not of this robot or not trusted.
 MasteredResult mastered_result(std::string_view result, const std::string& source, const Robot& robot,
                                const JointConvention& convention, const std::vector<EnteredOffset>& entered);
 

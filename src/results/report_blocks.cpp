@@ -394,7 +394,8 @@ Json effects_block(const CalibrationParts& saved, const Measurements& measuremen
   for (const auto& [key, members] : terms_by_motion(saved.model)) {
     const auto& [group, joint, axis] = key;
     auto [lower, upper] = ranges[static_cast<std::size_t>(joint)];
-    if (!(lower <= upper) || group == EffectGroup::torque) {  // not a function of joint values
+    // Not functions of the joint's own value.
+    if (!(lower <= upper) || group == EffectGroup::torque || group == EffectGroup::coupling) {
       continue;
     }
     const std::vector<double> fitted = fitted_values(measurements, joint);

@@ -153,7 +153,7 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     data["correlations"] = correlations_block(result["covariance"]);
   }
   if (page.robot != nullptr) {
-    const CalibrationParts saved = parse_calibration(page.result, *page.robot, page.source);
+    const CalibrationParts saved = parse_calibration(page.result, *page.robot, page.source, page.own);
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
       const double zero = result.contains("distance_zero") ? result["distance_zero"]["length"].get<double>() : 0.0;

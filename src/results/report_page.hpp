@@ -62,6 +62,7 @@ struct CalibrationPage {
   std::string paper = {};                                ///< size of the printed page in CSS; empty: the printer's
   std::string apply_command = {};                        ///< command after the mastering was entered; empty: not shown
   std::map<Cause, std::string> cures = {};               ///< what helps against doubts, beside their messages
+  std::vector<OwnEffect> own = {};                       ///< functions of the result that are not kdlcal's
 };
 
 /// Equal input gives equal bytes. Throws InputError for an invalid result or one of another robot.

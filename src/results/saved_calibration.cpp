@@ -82,7 +82,7 @@ void require_sound(const Node& parameter, double error, bool is_angle) {
 }
 
 // Reads the errors and effects; gives the effects' degrees of freedom.
-std::vector<double> read_parameters(const Node& top, CalibrationParts& saved) {
+std::vector<double> read_parameters(const Node& top, std::span<const OwnEffect> own, CalibrationParts& saved) {
   saved.estimate.errors = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(saved.model.parameters.size()));
   std::set<std::string> names;
   for (const Node& node : elements(member(top, "parameters"))) {
@@ -108,7 +108,7 @@ std::vector<double> read_parameters(const Node& top, CalibrationParts& saved) {
   if (!has(top, "effects")) {
     return {};
   }
-  SavedEffects effects = read_effects(member(top, "effects"), saved.model);
+  SavedEffects effects = read_effects(member(top, "effects"), saved.model, own);
   saved.model.gravity = effects.gravity;
   saved.model.effects = std::move(effects.terms);
   saved.estimate.effects = std::move(effects.values);
@@ -458,7 +458,8 @@ void read_stations(const Node& top, CalibrationParts& saved) {
 
 std::string hash_of(const Robot& robot) { return sha256(robot.urdf + '\n' + robot.base + '\n' + robot.tip); }
 
-CalibrationParts parse_calibration(std::string_view json, const Robot& robot, const std::string& source) {
+CalibrationParts parse_calibration(std::string_view json, const Robot& robot, const std::string& source,
+                                   std::span<const OwnEffect> own) {
   const tree::Json document = tree::parsed(json, source);
   const Node top{.json = document, .where = source};
   require_same_robot(top, robot);
@@ -466,7 +467,7 @@ CalibrationParts parse_calibration(std::string_view json, const Robot& robot, co
   saved.robot = hash_of(robot);
   saved.model = complete_model(robot);
   read_stations(top, saved);
-  const std::vector<double> effects_freedom = read_parameters(top, saved);
+  const std::vector<double> effects_freedom = read_parameters(top, own, saved);
   if (has(top, "base")) {
     saved.estimate.frames.base() = tree::pose(member(top, "base"));
   }
@@ -485,8 +486,9 @@ CalibrationParts parse_calibration(std::string_view json, const Robot& robot, co
   return saved;
 }
 
-CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot) {
-  return parse_calibration(read_text_file(result), robot, result.string());
+CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot,
+                                  std::span<const OwnEffect> own) {
+  return parse_calibration(read_text_file(result), robot, result.string(), own);
 }
 
 TargetFrame target_of(const Node& node) {

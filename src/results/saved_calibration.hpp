@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -37,9 +38,11 @@ std::string hash_of(const Robot& robot);
 /// Reads a result of calibrate (result_json). If the file states its URDF's hash, base or tip, another robot is
 /// refused: errors must not be applied twice to a corrected URDF. Throws InputError: unreadable file, malformed JSON, a
 /// missing key, a value of the wrong type, a parameter unknown to the robot, another robot, a member that does not
-/// match its hash.
-CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot);
-CalibrationParts parse_calibration(std::string_view json, const Robot& robot, const std::string& source = "result");
+/// match its hash, an effect of a program's own that is not among `own`.
+CalibrationParts read_calibration(const std::filesystem::path& result, const Robot& robot,
+                                  std::span<const OwnEffect> own = {});
+CalibrationParts parse_calibration(std::string_view json, const Robot& robot, const std::string& source = "result",
+                                   std::span<const OwnEffect> own = {});
 
 /// {"name", "position"}, and "quaternion_wxyz" if its orientation is measured.
 TargetFrame target_of(const tree::Node& node);

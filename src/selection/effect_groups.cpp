@@ -12,7 +12,8 @@ using Eigen::Index;
 const std::map<EffectGroup, Index>& least_configurations() {
   static const std::map<EffectGroup, Index> least = {
       {EffectGroup::gravity, 12},  {EffectGroup::transverse, 60}, {EffectGroup::gain, 20},
-      {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables}};
+      {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables},
+      {EffectGroup::coupling, 20}};
   return least;
 }
 

@@ -176,6 +176,15 @@ private:
             .terms = allowed(effect_terms(task_.model, group, means_.joint_values, means_.signals))};
   }
 
+  EffectOption option_of(const OwnEffect& own) const {
+    EffectOption option{.name = "own." + own.name, .terms = own_terms(task_.model, own, means_.joint_values)};
+    if (option.terms.empty()) {
+      throw InputError("effects.own: " + own.name + " is the same at all configurations, expected one that varies");
+    }
+    option.terms = allowed(std::move(option.terms));
+    return option;
+  }
+
   // Tables get the length that predicts best; ripple is searched in the residuals of all other groups.
   void add_asked(Route& route, TriedModels& tried) const {
     const std::vector<EffectGroup>& groups = task_.options.effects.groups;
@@ -186,6 +195,9 @@ private:
       if (group != EffectGroup::ripple && group != EffectGroup::tables) {
         route.model = extended(std::move(route.model), option_of(group));
       }
+    }
+    for (const OwnEffect& own : task_.options.effects.own) {
+      route.model = extended(std::move(route.model), option_of(own));
     }
     EffectOption tables;
     if (is_asked(EffectGroup::tables)) {
@@ -277,6 +289,9 @@ private:
   void add_what_helps(Route& route, TriedModels& tried) const {
     for (const EffectGroup group : groups_allowed(configurations())) {
       route.left.push_back(option_of(group));
+    }
+    for (const OwnEffect& own : task_.options.effects.own) {
+      route.left.push_back(option_of(own));
     }
     std::optional<Route> other = follow(route, tried);
     if (!other) {

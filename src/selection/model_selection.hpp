@@ -18,6 +18,7 @@ namespace kdl_calibration {
 struct Effects {
   std::vector<EffectGroup> groups;  ///< requested groups
   bool automatic = false;           ///< instead the groups that cross-validation accepts
+  std::vector<OwnEffect> own = {};  ///< of the caller's own, each as a group
 };
 
 struct ModelSelectionOptions {
@@ -28,7 +29,8 @@ struct ModelSelectionOptions {
 };
 /// Whether priors or effects are to be selected or sized.
 inline bool needs_selection(const ModelSelectionOptions& options) {
-  return options.automatic_priors || options.effects.automatic || !options.effects.groups.empty();
+  const Effects& effects = options.effects;
+  return options.automatic_priors || effects.automatic || !effects.groups.empty() || !effects.own.empty();
 }
 
 /// A candidate choice of effects and priors, with its scores.

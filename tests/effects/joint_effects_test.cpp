@@ -240,6 +240,92 @@ TEST(JointEffects, FunctionsOfTheJointsValueAreAsTheyAreNamed) {
   }
 }
 
+// Of the odd arm, whose second joint slides: its value couples, and no sine of it.
+TEST(JointEffects, CouplingIsAFunctionOfTheJointsBefore) {
+  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  Random random(7);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  model.effects = effect_terms(model, EffectGroup::coupling, q);
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  const std::map<std::string, std::function<double(const Eigen::VectorXd&)>> functions = {
+      {"coupling.2.1", [](const Eigen::VectorXd& at) { return at[0]; }},
+      {"coupling.2.1.sin1", [](const Eigen::VectorXd& at) { return std::imag(std::polar(1.0, at[0])); }},
+      {"coupling.2.1.cos1", [](const Eigen::VectorXd& at) { return std::real(std::polar(1.0, at[0])); }},
+      {"coupling.3.2", [](const Eigen::VectorXd& at) { return at[1]; }},
+      {"coupling.3.1", [](const Eigen::VectorXd& at) { return at[0]; }},
+      {"coupling.4.3", [](const Eigen::VectorXd& at) { return at[2]; }},
+      {"coupling.4.2", [](const Eigen::VectorXd& at) { return at[1]; }}};
+  const std::vector<std::string> names = names_of(model.effects);
+  for (const auto& [name, function] : functions) {
+    const auto place = std::find(names.begin(), names.end(), name) - names.begin();
+    ASSERT_LT(place, std::ssize(names)) << name;
+    const EffectTerm& term = model.effects[static_cast<std::size_t>(place)];
+    EXPECT_EQ(term.index, name[9] - '1') << name;
+    for (Eigen::Index c = 0; c < q.cols(); ++c) {
+      EXPECT_NEAR(value_of(term, basis(place, c)), function(q.col(c)), 1e-12) << name;
+    }
+  }
+  EXPECT_THAT(names, ::testing::Not(::testing::Contains("coupling.3.2.sin1")));
+  for (const std::string& name : names) {
+    EXPECT_NE(name[9], '1') << name << ": nothing stands before the first joint";
+  }
+}
+
+OwnEffect own_effect(const std::string& name, const OwnColumns& columns, EffectAxis axis = EffectAxis::own) {
+  return {.name = name, .joint = "joint_3", .axis = axis, .columns = columns};
+}
+
+// A constant and a repeated column are left out; the others keep their number.
+TEST(JointEffects, ColumnsOfACallersFunctionAreTerms) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(7);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  const OwnColumns columns = [](const Eigen::MatrixXd& at) {
+    Eigen::MatrixXd values(at.cols(), 4);
+    values.col(0) = 1e-6 * at.row(1).transpose();
+    values.col(1).setConstant(2.0);
+    values.col(2) = 3.0 * values.col(0);
+    values.col(3) = (at.row(1).array() * at.row(4).array()).transpose();
+    return values;
+  };
+  model.effects = own_terms(model, own_effect("bend", columns, EffectAxis::across_y), q);
+  ASSERT_THAT(names_of(model.effects), ::testing::ElementsAre("own.bend.3", "own.bend.3.3"));
+  for (const EffectTerm& term : model.effects) {
+    EXPECT_EQ(term.group(), EffectGroup::own);
+    EXPECT_EQ(size_name(term), "own.bend");
+    EXPECT_EQ(term.axis, EffectAxis::across_y);
+  }
+  const Eigen::MatrixXd basis = effect_basis(model, q);
+  const Eigen::VectorXd values{{0.5, -2.0}};
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    EXPECT_NEAR(value_of(model.effects[0], basis(0, c)), 1e-6 * q(1, c), 1e-18);
+    EXPECT_NEAR(value_of(model.effects[1], basis(1, c)), q(1, c) * q(4, c), 1e-12);
+    Eigen::VectorXd motion(motion_size(model));  // of one configuration alone
+    effect_motion(model, values, q.col(c), motion);
+    EXPECT_NEAR(motion[motion_entry(model, model.effects[0])], 0.5 * basis(0, c) - 2.0 * basis(1, c), 1e-12);
+  }
+}
+
+TEST(JointEffects, WrongValuesOfACallersFunctionAreRefused) {
+  const ErrorModel model = complete_model(fanuc());
+  const Eigen::MatrixXd q = Eigen::MatrixXd::Constant(6, 5, 0.25);
+  const auto refused = [&](const OwnColumns& columns) {
+    return testing::refusal([&] { own_terms(model, own_effect("bend", columns), q); });
+  };
+  EXPECT_THAT(refused([](const Eigen::MatrixXd&) { return Eigen::MatrixXd::Ones(4, 1); }),
+              ::testing::HasSubstr("bend gives 4 rows of 1 columns, expected a row for each of the 5 configurations"));
+  EXPECT_THAT(refused([](const Eigen::MatrixXd& at) { return Eigen::MatrixXd(at.cols(), 0); }),
+              ::testing::HasSubstr("at least one column"));
+  EXPECT_THAT(refused([](const Eigen::MatrixXd& at) {
+                return Eigen::MatrixXd((at.row(0).transpose().array() / 0.0).matrix());
+              }),
+              ::testing::HasSubstr("not finite at joint values 0.25, 0.25"));
+  OwnEffect elsewhere = own_effect("bend", [](const Eigen::MatrixXd& at) { return Eigen::MatrixXd(at.transpose()); });
+  elsewhere.joint = "joint_9";
+  EXPECT_THAT(testing::refusal([&] { own_terms(model, elsewhere, q); }),
+              ::testing::HasSubstr("bend moves joint_9, expected a moving joint"));
+}
+
 TEST(JointEffects, GravityTermsThatRepeatEachOtherOrHardlyChangeAreLeftOut) {
   ErrorModel model = complete_model(fanuc());
   Random random(8);

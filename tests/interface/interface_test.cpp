@@ -282,6 +282,32 @@ TEST_F(InterfaceFiles, ResultWithoutCovarianceGivesNoRadius) {
   EXPECT_THAT(refusal([&] { again.predict(somewhere(), "A"); }), HasSubstr("at most 300 parameters"));
 }
 
+// A file has their names, not their functions.
+TEST_F(InterfaceFiles, ResultsWithEffectsOfTheCallersOwnAreReadWithThem) {
+  const OwnEffect bend{.name = "bend", .joint = "joint_2", .columns = [](const Eigen::MatrixXd& q) {
+                         return Eigen::MatrixXd((q.row(1).array() * q.row(2).array()).matrix().transpose());
+                       }};
+  const CalibrationOptions options{.priors = {.automatic = false},
+                                   .effects = {.automatic = false, .own = {bend}},
+                                   .diagnosis = {.try_readings = false}};
+  const Measurements& data = experiment().measurements;
+  const Calibration with = calibrate(fanuc(), data, options);
+  write_result(file("r.json"), fanuc(), data, with);
+  write_report(file("r.html"), fanuc(), data, with);
+  EXPECT_THAT(text_of(file("r.html")), HasSubstr("own.bend"));
+  const Calibration again = load_calibration(file("r.json"), fanuc(), {bend});
+  const PredictedPoint before = with.arm().predict(somewhere(), "B");
+  const PredictedPoint after = again.arm().predict(somewhere(), "B");
+  EXPECT_LT((after.position - before.position).norm(), 1e-12);
+  EXPECT_NEAR(after.radius_95 / before.radius_95, 1.0, 1e-9);
+  EXPECT_THAT(refusal([&] { load_calibration(file("r.json"), fanuc()); }),
+              HasSubstr("'bend' is a function of the program that fitted it"));
+  const Calibration rigid = calibrate(
+      fanuc(), data,
+      {.priors = {.automatic = false}, .effects = {.automatic = false}, .diagnosis = {.try_readings = false}});
+  EXPECT_GT((rigid.arm().predict(somewhere(), "B").position - before.position).norm(), 1e-9);
+}
+
 // Values that no calibration has, in a file that no hashes protect.
 TEST_F(InterfaceFiles, ImpossibleValuesOfAResultAreRefused) {
   write_result(file("r.json"), fanuc(), experiment().measurements, found());
@@ -441,6 +467,13 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
     std::function<void()> call;
     const char* words;
   };
+  const OwnColumns still = [](const Eigen::MatrixXd& q) { return Eigen::MatrixXd(Eigen::MatrixXd::Ones(q.cols(), 1)); };
+  const auto own_effect = [](const std::string& name, const OwnColumns& columns) {
+    const OwnEffect effect{.name = name, .joint = "joint_2", .columns = columns};
+    return CalibrationOptions{.effects = {.automatic = false, .own = {effect}}, .diagnosis = {.try_readings = false}};
+  };
+  CalibrationOptions twice = own_effect("a", still);
+  twice.effects.own.push_back(twice.effects.own.front());
   const std::vector<Case> cases = {
       {"calibration of nothing", [] { Calibration(nullptr); }, "calibration of nothing"},
       {"arm of nothing", [] { CalibratedArm(nullptr); }, "arm of nothing"},
@@ -538,6 +571,13 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"measurements, NUL", [&] { read_measurements(fanuc(), file(with_nul)); }, "has a NUL byte in its name"},
       {"load, NUL", [&] { load_calibration(file(with_nul), fanuc()); }, "has a NUL byte in its name"},
       {"write, NUL", [&] { write_result(file(with_nul), fanuc(), data, c); }, "has a NUL byte, expected a file name"},
+      {"calibrate, nameless effect", [&] { calibrate(fanuc(), data, own_effect("", still)); }, "'' is not accepted"},
+      {"calibrate, two words", [&] { calibrate(fanuc(), data, own_effect("a b", still)); }, "'a b' is not accepted"},
+      {"calibrate, no function", [&] { calibrate(fanuc(), data, own_effect("a", {})); }, "a has no function"},
+      {"calibrate, still", [&] { calibrate(fanuc(), data, own_effect("a", still)); }, "the same at all configurations"},
+      {"calibrate, twin effects", [&] { calibrate(fanuc(), data, twice); }, "a is given twice"},
+      {"calibrate, own group", [&] { calibrate(fanuc(), data, {.effects = {.groups = {EffectGroup::own}}}); },
+       "group of effects"},
       {"plan, height", [] { plan_measurements(fanuc(), {.least_height = 100.0}); }, "height"},
   };
   for (const Case& each : cases) {

@@ -41,4 +41,5 @@ def test_coverage(folder):
 def test_own_effect(folder):
     names = runpy.run_path(str(EXAMPLES / "own_effect.py"))
     assert abs(names["estimate"] - names["size"]) < 4.0 * names["sigma"] < 0.2 * names["size"]
-    assert names["rms_after"] < 0.06 < 0.8 * names["rms_before"]
+    assert names["left"] < 0.07 < 0.8 * names["left_rigid"]
+    assert [term["name"] for term in names["found"].result["effects"]["terms"]] == ["own.wave.2"]

@@ -84,6 +84,44 @@ TEST(EffectsJson, EverySortOfTermIsReadBackToTheLastBit) {
   EXPECT_GT(withheld, 10);
 }
 
+// Its function is not in the file: whoever reads it gives the function again.
+TEST(EffectsJson, ACallersFunctionIsReadByItsName) {
+  ErrorModel model = complete_model(testing::fanuc());
+  const OwnEffect own{
+      .name = "bend", .joint = "joint_2", .axis = EffectAxis::across_x, .columns = [](const Eigen::MatrixXd& q) {
+        return Eigen::MatrixXd(q.topRows(3).transpose());
+      }};
+  Random random(3);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 40, random);
+  model.effects = own_terms(model, own, q);
+  ASSERT_EQ(model.effects.size(), 3U);
+  for (EffectTerm& term : model.effects) {
+    term.sigma = 1.0;
+  }
+  const Json json = Json::parse(effects_json(model, Eigen::Vector3d(1e-4, 2e-4, 3e-4)));
+  const OwnEffect other{.name = "twist", .joint = "joint_2", .columns = own.columns};
+  const SavedEffects read = read_effects({json, "effects"}, complete_model(testing::fanuc()), std::vector{other, own});
+  ErrorModel again = complete_model(testing::fanuc());
+  again.effects = read.terms;
+  ASSERT_EQ(again.effects.size(), 3U);
+  EXPECT_TRUE(effect_basis(again, q) == effect_basis(model, q));
+  EXPECT_EQ(motion_entry(again, again.effects[2]), motion_entry(model, model.effects[2]));
+  for (const std::vector<OwnEffect>& given : {std::vector<OwnEffect>(), std::vector{other}}) {
+    EXPECT_THAT(refusal([&] {
+                  read_effects({json, "r.json: effects"}, complete_model(testing::fanuc()), given);
+                }),
+                HasSubstr("effect: expected a result whose effects are all kdlcal's: 'bend' is a function of the"));
+  }
+  EXPECT_THAT(refusal([&] {
+                const OwnEffect fewer{.name = "bend", .joint = "joint_2", .columns = [](const Eigen::MatrixXd& at) {
+                                        return Eigen::MatrixXd(at.topRows(2).transpose());
+                                      }};
+                again.effects = read_effects({json, "effects"}, complete_model(testing::fanuc()), {{fewer}}).terms;
+                effect_basis(again, q);
+              }),
+              HasSubstr("bend gives 2 columns, expected as many as when it was fitted"));
+}
+
 /// What reading is refused with where the last term whose name begins so is changed.
 std::string refused(const std::string& name, const std::string& pointer, const Json& value) {
   Json json = every_sort().json();
@@ -117,6 +155,8 @@ TEST(EffectsJson, WhatNoTermCanBeIsRefusedWithItsPlace) {
   EXPECT_THAT(refused("tables.4.1", "/function/lower", 99.0), HasSubstr("upper: expected a number above 'lower'"));
   EXPECT_THAT(refused("ripple.3.sin200.5", "/function/times", -1), HasSubstr("times: expected a number above 0"));
   EXPECT_THAT(refused("harmonics.3.sin1", "/function/times", 1.5), HasSubstr("times: expected a whole number"));
+  EXPECT_THAT(refused("coupling.3.2.sin1", "/function/of", "tan"), HasSubstr("of: expected sin or cos"));
+  EXPECT_THAT(refused("coupling.3.2", "/function/joint", 0), HasSubstr("joint: expected a whole number from 1 to 6"));
 }
 
 TEST(EffectsJson, TorquesOfKnownMassesAreNotWritten) {

@@ -50,7 +50,7 @@ const std::string& result_of_fanuc() {
   return result;
 }
 
-/// The same with large effects of every function of a single joint value.
+/// The same with large effects of functions of single joint values.
 std::string with_effects() {
   Json json = Json::parse(result_of_fanuc());
   json["effects"]["terms"] = Json::parse(R"([
@@ -62,7 +62,14 @@ std::string with_effects() {
      "function": {"of": "cos", "times": 200}, "mean": -0.1, "scale": 0.4, "sigma": 1.0, "coefficient": -0.0002},
     {"name": "tables.4.1", "joint": "joint_4", "group": "tables", "about": "own",
      "function": {"number": 3, "length": 0.4, "lower": -1.5, "upper": 1.5, "withheld": [[-0.2, 0.1]]}, "mean": 0.1,
-     "scale": 1.0, "sigma": 1.0, "coefficient": 0.001}])");
+     "scale": 1.0, "sigma": 1.0, "coefficient": 0.001},
+    {"name": "coupling.6.4", "joint": "joint_6", "group": "coupling", "about": "own", "function": {"joint": 4},
+     "mean": 0.3, "scale": 0.6, "sigma": 1.0, "coefficient": 0.004},
+    {"name": "coupling.5.4.sin1", "joint": "joint_5", "group": "coupling", "about": "own",
+     "function": {"joint": 4, "of": "sin", "times": 1}, "mean": 0.2, "scale": 0.7, "sigma": 1.0, "coefficient": 0.003},
+    {"name": "coupling.5.4.cos1", "joint": "joint_5", "group": "coupling", "about": "own",
+     "function": {"joint": 4, "of": "cos", "times": 1}, "mean": 0.1, "scale": 0.3, "sigma": 1.0,
+     "coefficient": -0.002}])");
   json["hashes"] = tree::hashes(json);
   return json.dump();
 }

@@ -28,6 +28,7 @@ namespace kdl_calibration::effect_selection_test {
 namespace {
 
 using ::testing::Contains;
+using ::testing::ElementsAre;
 using testing::fanuc;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -107,7 +108,69 @@ TEST(EffectSelection, FindsSagAndPredictsByIt) { expect_found_and_predicted_by({
 
 TEST(EffectSelectionLongRun, FindsEachEffectAndPredictsByIt) {
   expect_found_and_predicted_by({EffectGroup::gravity, EffectGroup::transverse, EffectGroup::gain,
-                                 EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables});
+                                 EffectGroup::backlash, EffectGroup::harmonics, EffectGroup::tables,
+                                 EffectGroup::coupling});
+}
+
+/// The second joint yields with the product of two joint values, and the fourth with the sine of three times its own.
+std::vector<OwnEffect> own_effects() {
+  const OwnColumns product = [](const Eigen::MatrixXd& q) {
+    return Eigen::MatrixXd((q.row(1).array() * q.row(2).array()).matrix().transpose());
+  };
+  const OwnColumns wave = [](const Eigen::MatrixXd& q) {
+    return Eigen::MatrixXd((3.0 * q.row(3).array()).sin().matrix().transpose());
+  };
+  return {{.name = "product", .joint = "joint_2", .columns = product},
+          {.name = "wave", .joint = "joint_4", .columns = wave}};
+}
+
+// As one of kdlcal's own: only the one that is there is chosen, and its size is found.
+TEST(EffectSelection, ChoosesTheCallersOwnEffectThatIsThere) {
+  const double size = 4e-4;
+  CalibrationSettings options = automatic_of_few_terms();
+  options.selection.effects.own = own_effects();
+  for (const std::size_t there : {0U, 1U, 2U}) {
+    Arm arm(fanuc(), 31 + static_cast<unsigned>(there), 50, {});
+    if (there < 2) {
+      Random random(6);
+      arm.robot.model.effects = own_terms(arm.model, own_effects()[there], arm.measured.joint_values);
+      arm.robot.truth.effects = Eigen::VectorXd::Constant(1, size * arm.robot.model.effects[0].scale);
+      arm.measured = measure(arm.robot, arm.measured.joint_values, {.sigma = 5e-5}, random);
+    }
+    const CalibrationResult found = calibrate(arm.model, arm.measured, options);
+    if (there == 2) {
+      EXPECT_THAT(found.model.effects, IsEmpty());
+      continue;
+    }
+    EXPECT_THAT(found.selection.tried.front().effects, ElementsAre("own." + own_effects()[there].name));
+    ASSERT_EQ(found.model.effects.size(), 1U);
+    const ColumnRange columns = found.fit.free.range(UnknownGroup::effects);
+    const double scale = found.model.effects[0].scale;
+    const double sigma = std::sqrt(found.uncertainty.covariance(columns.first, columns.first)) / scale;
+    EXPECT_NEAR(found.fit.identification.estimate.effects[0] / scale, size, 4.0 * sigma);
+    EXPECT_LT(sigma, 0.1 * size);
+    EXPECT_LT(arm.error_at_unseen(found), 0.5 * arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
+  }
+}
+
+// Where nothing is chosen, they are part of the model whether they help or not, beside the groups asked for.
+TEST(EffectSelection, FitsTheCallersOwnEffectsThatAreAskedFor) {
+  const Arm arm(fanuc(), 31, 50, {});
+  CalibrationSettings options = kGeometry;
+  options.selection.effects = {.groups = {EffectGroup::gain}, .own = own_effects()};
+  const CalibrationResult found = calibrate(arm.model, arm.measured, options);
+  ASSERT_FALSE(found.selection.tried.empty());
+  EXPECT_THAT(found.selection.tried.front().effects, ElementsAre("gain", "own.product", "own.wave"));
+}
+
+TEST(EffectSelection, RefusesAnOwnEffectThatDoesNotVary) {
+  const Arm arm(fanuc(), 31, 30, {});
+  CalibrationSettings options = kGeometry;
+  options.selection.effects.own = {{.name = "still", .joint = "joint_2", .columns = [](const Eigen::MatrixXd& q) {
+                                      return Eigen::MatrixXd(Eigen::MatrixXd::Ones(q.cols(), 2));
+                                    }}};
+  EXPECT_THAT(refusal([&] { calibrate(arm.model, arm.measured, options); }),
+              HasSubstr("still is the same at all configurations"));
 }
 
 TEST(EffectSelection, FindsHowOftenGearsRipple) {

@@ -21,14 +21,15 @@ def result(found):
     return json.loads(result_text(found))
 
 
-def restore(text, robot):
+def restore(text, robot, own):
     with tempfile.TemporaryDirectory() as folder:
         file = os.path.join(folder, "result.json")
         with open(file, "wb") as stream:
             stream.write(text)
-        return _native.load(file, robot)
+        return _native.load(file, robot, own)
 
 
 def reduce(found):
-    """The copy is as if it were loaded: it predicts, but knows no measurements."""
-    return restore, (result_text(found), found.robot)
+    """The copy is as if it were loaded: it predicts, but knows no measurements. Effects of the caller's own are pickled
+    as functions are, by their names."""
+    return restore, (result_text(found), found.robot, found.own)

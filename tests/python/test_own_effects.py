@@ -1,0 +1,95 @@
+"""Effects that are functions of the caller's own."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import kdl_calibration as kc
+
+PLAIN = {"priors": {"automatic": False}, "diagnosis": {"try_readings": False}}
+
+
+def bend(q):
+    """(N, 2) for joint values (N, 6)."""
+    return np.column_stack([np.sin(2.0 * q[:, 1]), q[:, 1] * q[:, 2]])
+
+
+def wave(q):
+    return np.sin(3.0 * q[:, 1])
+
+
+def with_own(automatic=False, **functions):
+    own = {name: {"joint": "joint_2", "function": function} for name, function in functions.items()}
+    return {"effects": {"own": own, "automatic": automatic}, **PLAIN}
+
+
+@pytest.fixture(scope="module")
+def yielding(robot):
+    """Measurements of a robot whose joint 2 moves by 0.2 mrad of `wave`."""
+    m, _ = kc.simulate(robot, configurations=60, noise=3e-5, length_error=1e-3, angle_error=1e-3, seed=4)
+    commanded = m.joint_values.copy()
+    for _ in range(20):
+        commanded[:, 1] = m.joint_values[:, 1] - 2e-4 * wave(commanded)
+    place = {name: i for i, name in enumerate(m.configurations)}
+    rows = m.observations
+    return kc.Measurements.from_arrays(commanded[[place[name] for name in rows["configuration"]]], rows["position"],
+                                       targets=rows["target"], configurations=rows["configuration"])
+
+
+def size_of(found, name):
+    (term,) = [term for term in found.result["effects"]["terms"] if term["name"] == name]
+    return term["coefficient"] / term["scale"], term["std"] / term["scale"]
+
+
+def test_the_one_that_is_there_is_chosen(robot, yielding):
+    found = kc.calibrate(robot, yielding, **with_own(automatic=True, wave=wave, bend=bend))
+    assert found.result["effects"]["terms"][0]["name"] == "own.wave.2"
+    value, sigma = size_of(found, "own.wave.2")
+    assert abs(value - 2e-4) < 4.0 * sigma < 0.1 * 2e-4
+    rigid = kc.calibrate(robot, yielding, effects={"automatic": False}, **PLAIN)
+    assert found.accuracy.held_out.after.rms < 0.7 * rigid.accuracy.held_out.after.rms
+    assert "joint_2 moves by up to" in found.result["effects"]["findings"][0]
+
+
+def test_any_number_of_threads_gives_the_same(robot, yielding, random):
+    alone = kc.calibrate(robot, yielding, threads=1, **with_own(bend=bend))
+    several = kc.calibrate(robot, yielding, threads=3, **with_own(bend=bend))
+    q = random.uniform(-1.0, 1.0, (500, 6))
+    np.testing.assert_array_equal(alone.predict(q, "A", threads=1).position, several.predict(q, "A", threads=4).position)
+    assert (alone.residuals["position"] == several.residuals["position"]).all()
+    kc.Compensator(several).solve(q[:20])
+
+
+def test_files_and_copies_need_the_function(robot, yielding, random, tmp_path):
+    found = kc.calibrate(robot, yielding, **with_own(bend=bend))
+    found.save(tmp_path / "result.json")
+    found.report(tmp_path / "report.html")
+    q = random.uniform(-1.0, 1.0, (50, 6))
+    with pytest.raises(kc.InputError, match="'bend' is a function of the program"):
+        kc.load(tmp_path / "result.json", robot)
+    loaded = kc.load(tmp_path / "result.json", robot, own=found.own)
+    for other in (loaded, pickle.loads(pickle.dumps(found)), pickle.loads(pickle.dumps(loaded))):
+        np.testing.assert_allclose(other.predict(q, "A").position, found.predict(q, "A").position, rtol=0, atol=1e-12)
+
+
+def test_what_a_function_does_wrong_is_told(robot, yielding):
+    def broken(q):
+        raise KeyError("no such table")
+
+    for function, error, message in [
+        (broken, KeyError, "no such table"),
+        (lambda q: q[:3, 0], kc.InputError, "3 rows of 1 columns, expected a row for each of the 60"),
+        (lambda q: np.full(len(q), np.nan), kc.InputError, "not finite at joint values"),
+        (lambda q: np.ones(len(q)), kc.InputError, "the same at all configurations"),
+        (lambda q: np.ones((len(q), 1, 1)), ValueError, r"\(60, 1, 1\), expected \(N,\) or \(N, K\)"),
+        (lambda q: "text", TypeError, "effects.own.wave.function"),
+        (5, TypeError, "expected a function of joint values"),
+    ]:
+        with pytest.raises(error, match=message):
+            kc.calibrate(robot, yielding, **with_own(wave=function))
+    with pytest.raises(TypeError, match="unknown option effects.own.wave.axes"):
+        kc.calibrate(robot, yielding, effects={"own": {"wave": {"axes": "own"}}})
+    with pytest.raises(kc.InputError, match="wave moves joint_9, expected a moving joint"):
+        kc.calibrate(robot, yielding, effects={"own": {"wave": {"joint": "joint_9", "function": wave}},
+                                               "automatic": False}, **PLAIN)
