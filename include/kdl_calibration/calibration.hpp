@@ -72,6 +72,11 @@ public:
   std::vector<std::string> estimated() const;
   const Eigen::MatrixXd& covariance() const;
 
+  /// The same arm at another temperature or payload than the mean of the measurements: the one that arm(), Compensator
+  /// and others then take. Uncertainties grow with the distance from what was measured. The exported URDF stays that of
+  /// the mean. Throws InputError where no effect depends on what is stated.
+  Calibration at(const Circumstances& circumstances) const;
+
   /// The arm with all effects: where it really goes. Throws InputError as CalibratedArm does.
   CalibratedArm arm() const;
 

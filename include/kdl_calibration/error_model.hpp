@@ -12,6 +12,7 @@
 #include <functional>
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
+#include <limits>
 #include <string>
 #include <utility>
 #include <variant>
@@ -60,12 +61,16 @@ enum class EffectGroup : std::uint8_t {
   tables,      ///< any smooth function of the joint value
   torque,      ///< joint compliance under the measured torque
   coupling,    ///< motion with the joints before it, through gears or a linkage
+  expansion,   ///< links that grow with temperature
+  drift,       ///< zeros of joints that move with temperature
+  payload,     ///< joint compliance under a stated payload
   own          ///< a function of the caller's own, OwnEffect; asked for by that alone
 };
-constexpr std::size_t kEffectGroups = 9;  ///< those that can be asked for by name
+constexpr std::size_t kEffectGroups = 12;  ///< those that can be asked for by name
 
-/// Axis of a joint's additional motion: its own, or one of the two across it, the images of x and y under z_onto(axis).
-enum class EffectAxis : std::uint8_t { own, across_x, across_y };
+/// Additional motion of a joint: about (or along) its own axis, about one of the two across it, the images of x and y
+/// under z_onto(axis), or along the nominal link before it, which expands.
+enum class EffectAxis : std::uint8_t { own, across_x, across_y, along };
 
 /// One component of the gravity direction in a link's frame. The torque about a joint is linear in these components.
 struct GravityMoment {
@@ -123,6 +128,16 @@ struct JointCoupling {
   bool is_cosine = false;
 };
 
+/// The temperature [degC], or what the nominal link before the joint grows by at that temperature [m per unit].
+struct Temperature {
+  bool of_link = false;
+};
+
+/// The torque of the payload about the joint's axis, with g = 1.
+struct PayloadTorque {
+  KDL::Vector centre;  ///< of the payload, in the flange frame [m]
+};
+
 /// Values of functions of the caller's own at N configurations: N x K for joint values joints x N in the URDF's
 /// convention [rad or m], each row from its configuration alone. Called from several threads at once.
 using OwnColumns = std::function<Eigen::MatrixXd(const Eigen::MatrixXd& joint_values)>;
@@ -136,7 +151,7 @@ struct OwnFunction {
 
 /// The function of an effect, one struct per kind.
 using EffectFunction = std::variant<GravityMoment, LoadTorque, JointGain, LoadSide, ApproachSide, Sinusoid, JointTable,
-                                    MeasuredTorque, JointCoupling, OwnFunction>;
+                                    MeasuredTorque, JointCoupling, Temperature, PayloadTorque, OwnFunction>;
 
 /// An effect of the caller's own: a motion of a joint by an unknown multiple of each of its columns.
 struct OwnEffect {
@@ -152,8 +167,8 @@ struct OwnEffect {
 struct EffectTerm {
   /// "gravity.2.3x": joint 2, load of link 3; "transverse.2.y.3x": the same about y; "gain.3", "harmonics.3.sin1",
   /// "ripple.3.sin200.5", "tables.3.12"; "backlash.2" from the load, "backlash.2.approach"; "torque.2",
-  /// "torque.2.tanh"; "coupling.6.5", "coupling.6.5.sin1": joint 6 with joint 5; "own.NAME.2", "own.NAME.2.1" from its
-  /// second column on.
+  /// "torque.2.tanh"; "expansion.3": the link before joint 3; "drift.3", "payload.3"; "coupling.6.5",
+  /// "coupling.6.5.sin1": joint 6 with joint 5; "own.NAME.2", "own.NAME.2.1" from its second column on.
   std::string name;
   std::string joint;  ///< URDF joint
   int index = 0;      ///< of the joint
@@ -164,6 +179,13 @@ struct EffectTerm {
   double sigma = 0.0;  ///< prior 1 sigma of the value [rad, m or per unit], 0: no prior
 
   EffectGroup group() const;
+};
+
+/// What surrounds an arm; NaN where it is not known.
+struct Circumstances {
+  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  double temperature = kUnknown;  ///< [degC] of the arm
+  double payload = kUnknown;      ///< [kg] on the flange
 };
 
 /// The complete model: every joint its offset, every link the translations and rotations along the axes of the next
@@ -179,7 +201,10 @@ struct ErrorModel {
   std::vector<EffectTerm> effects;                    ///< none by default, see joint_effects.hpp
   std::vector<PointMass> link_masses;                 ///< those stated by the URDF
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
-  std::vector<std::string> stations = {"W"};          ///< of the measurements, each with its own pose of the base
+  KDL::Vector payload_centre;                         ///< in the flange frame [m]
+  /// Taken where signals state none: the means of the measurements, or those of Calibration::at.
+  Circumstances circumstances;
+  std::vector<std::string> stations = {"W"};  ///< of the measurements, each with its own pose of the base
   /// Whether rows may leave directions of a base undetermined: several stations, single coordinates, or points of one
   /// place that are all on one line. Then the parameters of bases are named base[STATION].Tx, and uncertainties in the
   /// base frame are those of the arm alone.

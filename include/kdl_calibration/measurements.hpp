@@ -101,6 +101,8 @@ struct DriveSignals {
   Eigen::MatrixXd approach;
   /// [Nm], or [N] for a prismatic joint; NaN if not measured.
   Eigen::MatrixXd torques;
+  /// 2 x configurations, or empty: Circumstances::temperature and payload.
+  Eigen::MatrixXd circumstances;
 };
 
 /// A set of measurements. Configurations and targets are numbered in their order of first appearance.
@@ -119,7 +121,7 @@ struct Measurements {
   /// used.
   std::vector<JointUnit> joint_units;
   std::string remark;    ///< how the reader interpreted the file, in one line; empty if as usual
-  DriveSignals signals;  ///< of the configurations; from the columns tau_<joint> and order
+  DriveSignals signals;  ///< of the configurations; from tau_<joint>, order, temperature and payload
 };
 
 /// The observations that satisfy `keep`. Joints and targets stay as they are, even targets without observations, so

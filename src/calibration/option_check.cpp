@@ -1,13 +1,16 @@
 #include "calibration/option_check.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "calibration/calibration_settings.hpp"
+#include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -138,6 +141,13 @@ void require_signals(const Measurements& measurements, const CalibrationSettings
     throw InputError(fault);
   }
   const std::vector<EffectGroup>& groups = options.selection.effects.groups;
+  for (const EffectGroup group : groups) {
+    const std::optional<Circumstance> needed = needed_circumstance(group);
+    if (needed && !is_stated(measurements.signals, *needed)) {
+      throw OptionError(
+          "effects", fmt::format("{} needs the column {} in the measurements", to_string(group), to_string(*needed)));
+    }
+  }
   if (std::find(groups.begin(), groups.end(), EffectGroup::torque) == groups.end()) {
     return;
   }

@@ -62,6 +62,7 @@ struct CalibrateArguments {
   std::string prior_result;
   std::vector<std::string> effects;  // empty: not stated
   std::vector<double> gravity_direction = {0.0, 0.0, -1.0};
+  std::vector<double> payload_centre = {0.0, 0.0, 0.0};
   std::string loss = "none";
   std::string noise = "auto";
   std::vector<double> noise_independent;
@@ -116,11 +117,11 @@ NoiseModel noise_model(const CalibrateArguments& arguments) {
   return noise;
 }
 
-Eigen::Vector3d gravity_direction(const std::vector<double>& direction) {
-  if (direction.size() != 3) {
-    throw InputError("--gravity-direction: has " + std::to_string(direction.size()) + " values, expected 3 (x,y,z)");
+Eigen::Vector3d three(const std::vector<double>& numbers, const char* option) {
+  if (numbers.size() != 3) {
+    throw InputError(std::string(option) + ": has " + std::to_string(numbers.size()) + " values, expected 3 (x,y,z)");
   }
-  return {direction[0], direction[1], direction[2]};
+  return {numbers[0], numbers[1], numbers[2]};
 }
 
 // What an option that may be left out says of a choice: to leave it to the data, or not; nothing if other words follow.
@@ -141,7 +142,8 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   options.priors.automatic = automatic({arguments.prior});
   options.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
                      .automatic = automatic(arguments.effects),
-                     .gravity_direction = gravity_direction(arguments.gravity_direction)};
+                     .gravity_direction = three(arguments.gravity_direction, "--gravity-direction"),
+                     .payload_centre = three(arguments.payload_centre, "--payload-centre")};
   options.noise.stated = noise_model(arguments);
   options.noise.weights = arguments.noise == "repeats" ? Weights::repeats
                           : arguments.noise == "equal" ? Weights::equal
@@ -406,6 +408,11 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
            number_between(-1e6, 1e6, "a number from -1e6 to 1e6"))
       ->type_name("X,Y,Z")
       ->default_str("0,0,-1");
+  add_list(app, "--payload-centre", arguments.payload_centre,
+           "Centre of mass of the column payload in the flange frame [m], x,y,z",
+           number_between(-100.0, 100.0, "a number from -100 to 100"))
+      ->type_name("X,Y,Z")
+      ->default_str("0,0,0");
   refuse_old_names(app);
 }
 
@@ -460,7 +467,7 @@ void add_groups(CLI::App& app) {
       {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});
   add_group(app, "Model",
             {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
-             "--prior-result", "--effects", "--gravity-direction"});
+             "--prior-result", "--effects", "--gravity-direction", "--payload-centre"});
   add_group(app, "Noise",
             {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma",
              "--scale-sigma", "--length-sigma"});

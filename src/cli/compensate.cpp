@@ -53,6 +53,7 @@ struct CompensateArguments {
   std::vector<std::string> external_axes;
   std::string joint_convention;
   std::vector<std::string> near;
+  Circumstances circumstances;
   double most_change = 5.0;
   bool position_first = false;
   bool linear = false;
@@ -115,7 +116,7 @@ class Compensation {
 public:
   Compensation(const CompensateArguments& arguments, const Robot& robot, const JointConvention* convention)
       : arguments_(arguments),
-        calibration_(load_calibration(arguments.result, robot)),
+        calibration_(load_calibration(arguments.result, robot).at(arguments.circumstances)),
         compensator_(calibration_,
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments)),
@@ -336,6 +337,7 @@ ExitStatus run(const CompensateArguments& arguments) {
          .frames = arguments.frames,
          .external_axes = arguments.external_axes,
          .near = arguments.near,
+         .circumstances = arguments.circumstances,
          .options = {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first},
          .output = arguments.output,
          .predict = arguments.predict,
@@ -419,6 +421,7 @@ Subcommand add_compensate(CLI::App& parser) {
   add_file(*app, "--frames", arguments->frames,
            "User and tool frame of the poses: JSON as kdlcal frames writes it [base and flange]; for --program "
            "SYSFRAME.VA of a backup, or JSON");
+  add_circumstances(*app, arguments->circumstances);
   add_file(*app, "--joint-convention", arguments->joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
   app->add_option("--most-change", arguments->most_change,

@@ -249,7 +249,7 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
       options.held.push_back(axis.joint);
     }
   }
-  const Calibration calibration = load_calibration(arguments.result, robot);
+  const Calibration calibration = load_calibration(arguments.result, robot).at(arguments.circumstances);
   require_writable(files, arguments.force);
   CompensatedJoints near;
   if (!arguments.near.empty()) {

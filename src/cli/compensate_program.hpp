@@ -21,6 +21,7 @@ struct ProgramArguments {
   std::string frames;                      ///< may be empty
   std::vector<std::string> external_axes;  ///< such as "E1=rail"
   std::vector<std::string> near;           ///< joint values from which the program starts, or empty
+  Circumstances circumstances;
   CompensationOptions options;
   std::string output;
   std::string predict;  ///< may be empty

@@ -11,6 +11,7 @@
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "effects/joint_effects.hpp"
+#include "kdl_calibration/calibration.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "results/saved_calibration.hpp"
 
@@ -19,6 +20,7 @@ namespace {
 
 struct FkArguments {
   ArmAtJoints arm;
+  Circumstances circumstances;
   bool frames = false;
 };
 
@@ -47,14 +49,20 @@ struct ArmKinematics {
   Eigen::VectorXd joint_values;
 };
 
-ArmKinematics calibrated(const Robot& robot, const std::string& result, const Eigen::VectorXd& q) {
-  const CalibrationParts saved = read_result(result, robot);
+ArmKinematics calibrated(const Robot& robot, const FkArguments& arguments, const Eigen::VectorXd& q) {
+  const std::string& result = arguments.arm.result;
+  const Calibration found = Calibration(std::make_shared<CalibrationParts>(read_result(result, robot)));
+  const Calibration there = found.at(arguments.circumstances);
+  const CalibrationParts& saved = there.parts();
   const std::string urdf = calibrated_urdf(robot, saved.model, saved.estimate.errors);
   const Eigen::VectorXd moved = effective_joint_values(saved.model, saved.estimate.effects, q);
   ArmKinematics arm{.robot = parse_robot(urdf, {.base = robot.base, .tip = robot.tip}, result),
                     .joint_values = moved.head(q.size())};
+  if (moved.size() > 3 * q.size()) {
+    arm.robot.chain = stretched_chain(saved.model, arm.robot.chain, moved.tail(q.size()));
+  }
   if (moved.size() > q.size()) {
-    arm.robot.chain = tilted_chain(arm.robot.chain, moved.tail(2 * q.size()));
+    arm.robot.chain = tilted_chain(arm.robot.chain, moved.segment(q.size(), 2 * q.size()));
   }
   return arm;
 }
@@ -98,7 +106,7 @@ ExitStatus run(const FkArguments& arguments) {
   Robot robot = load(robot_arguments);
   Eigen::VectorXd q = joint_values(robot, joints);
   if (!result.empty()) {
-    ArmKinematics arm = calibrated(robot, result, q);
+    ArmKinematics arm = calibrated(robot, arguments, q);
     robot = std::move(arm.robot);
     q = std::move(arm.joint_values);
   }
@@ -117,6 +125,7 @@ Subcommand add_fk(CLI::App& parser) {
   const auto arguments = std::make_shared<FkArguments>();
   add_arm_at_joints(*app, arguments->arm);
   app->add_flag("--frames", arguments->frames, "Show the frame of every link, not the tip's alone (JSON always does)");
+  add_circumstances(*app, arguments->circumstances);
   add_example(*app, "kdlcal fk --joints 0,10,-20,0,45,0 --degrees --frames");
   return {.app = app, .run = [arguments] { return run(*arguments); }};
 }

@@ -187,10 +187,11 @@ public:
         pattern_(files.names.empty() ? std::nullopt : std::optional<NamePattern>(files.names)),
         lines_(std::filesystem::path(files.points)) {}
 
-  // The rows of both files, and the torques, which belong to configurations.
+  // The rows of both files, and torques and circumstances, which belong to configurations.
   Measurements read() {
     Measurements measurements = parse_measurements(robot_, csv(), nullptr, files_.points, files_.orientation);
-    take_torques(measurements);
+    take(&DriveSignals::torques, "torques", measurements);
+    take(&DriveSignals::circumstances, "temperature or payload", measurements);
     return measurements;
   }
 
@@ -326,22 +327,22 @@ private:
   }
 
   // The means of the file that has them.
-  void take_torques(Measurements& measurements) const {
+  void take(Eigen::MatrixXd DriveSignals::*member, const char* what, Measurements& measurements) const {
     constexpr double kNotMeasured = std::numeric_limits<double>::quiet_NaN();
-    const Eigen::MatrixXd& stated = configurations_.signals.torques;
-    Eigen::MatrixXd& torques = measurements.signals.torques;
+    const Eigen::MatrixXd& stated = configurations_.signals.*member;
+    Eigen::MatrixXd& taken = measurements.signals.*member;
     if (stated.size() == 0) {
       return;
     }
-    if (torques.size() > 0) {
-      throw InputError(files_.points + ": has torques, and " + files_.joint_values +
+    if (taken.size() > 0) {
+      throw InputError(files_.points + ": has " + what + ", and " + files_.joint_values +
                        " as well, expected them in one of the two");
     }
-    torques.setConstant(stated.rows(), std::ssize(measurements.configurations), kNotMeasured);
-    for (Eigen::Index c = 0; c < torques.cols(); ++c) {
+    taken.setConstant(stated.rows(), std::ssize(measurements.configurations), kNotMeasured);
+    for (Eigen::Index c = 0; c < taken.cols(); ++c) {
       const auto found = columns_.find(measurements.configurations[static_cast<std::size_t>(c)]);
       if (found != columns_.end()) {
-        torques.col(c) = stated.col(found->second);
+        taken.col(c) = stated.col(found->second);
       }
     }
   }

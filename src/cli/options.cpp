@@ -196,6 +196,17 @@ void add_seed(CLI::App& app, std::uint64_t& seed) {
       ->capture_default_str();
 }
 
+void add_circumstances(CLI::App& app, Circumstances& circumstances) {
+  app.add_option("--temperature", circumstances.temperature,
+                 "Temperature of the arm, for a result with effects of it [the mean of the measurements]")
+      ->type_name("DEGC")
+      ->check(number_between(-273.15, 1000.0, "a number from -273.15 to 1000"));
+  app.add_option("--payload", circumstances.payload,
+                 "Payload on the flange, for a result with effects of it [the mean of the measurements]")
+      ->type_name("KG")
+      ->check(number_between(0.0, 1e5, "a number from 0 to 100000"));
+}
+
 std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others) {
   std::vector<EffectGroup> groups;
   for (const std::string& word : words) {

@@ -38,6 +38,8 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double
 
 /// Adds an option for a file name.
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);
+/// --temperature and --payload: at which the calibrated arm is taken.
+void add_circumstances(CLI::App& app, Circumstances& circumstances);
 /// --report
 CLI::Option* add_report_file(CLI::App& app, std::string& report);
 /// --json

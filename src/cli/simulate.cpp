@@ -134,7 +134,10 @@ DrivenConfigurations driven(const SimulateArguments& arguments, const Setup& set
                             const Eigen::MatrixXd& before = {}) {
   const bool torques = std::find(set.effects.begin(), set.effects.end(), EffectGroup::torque) != set.effects.end();
   return simulated_signals(set.model, stops, before,
-                           {.approach = arguments.order, .torques = torques, .seed = arguments.seed});
+                           {.approach = arguments.order,
+                            .torques = torques,
+                            .circumstances = std::any_of(set.effects.begin(), set.effects.end(), needed_circumstance),
+                            .seed = arguments.seed});
 }
 
 // Adds the requested effects, drawn from a separate stream, so that all other random values stay the same.

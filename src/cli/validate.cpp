@@ -198,7 +198,8 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const ErrorModel nominal = complete_model(robot);
   const CalibrationParts found = read_arm(arguments.result, robot, nominal).arm;
-  const auto [drawn, truth_as_read] = read_arm(arguments.truth, robot, nominal);
+  auto [drawn, truth_as_read] = read_arm(arguments.truth, robot, nominal);
+  drawn.model.circumstances = found.model.circumstances;
   Random random(arguments.seed);
   const Eigen::MatrixXd joint_values = random_configurations(
       nominal.joints, ranges_to_compare_in(truth_as_read, arguments.truth, nominal), kConfigurationsOfTruth, random);

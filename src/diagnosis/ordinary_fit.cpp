@@ -56,6 +56,7 @@ double ordinary_size(const EffectTerm& term) {
     case EffectGroup::gain:
       return kOrdinaryGain * term.scale;
     case EffectGroup::gravity:
+    case EffectGroup::payload:
       return kOrdinarySag;
     case EffectGroup::coupling: {
       const bool is_ratio = std::get<JointCoupling>(term.function).times == 0.0;

@@ -29,7 +29,7 @@ public:
 
 private:
   static constexpr std::size_t kAlignment = 32;
-  alignas(kAlignment) std::array<std::byte, (28 * kFewJoints + 8) * sizeof(double)> bytes_;
+  alignas(kAlignment) std::array<std::byte, (38 * kFewJoints + 8) * sizeof(double)> bytes_;
   std::pmr::monotonic_buffer_resource memory_{bytes_.data(), bytes_.size()};
 };
 

@@ -159,7 +159,23 @@ struct RawValue {
            : coupling.is_cosine  ? std::cos(coupling.times * other)
                                  : std::sin(coupling.times * other);
   }
+  double operator()(const Temperature& temperature) const {
+    const double degrees = around(Circumstance::temperature, model.circumstances.temperature);
+    return temperature.of_link ? degrees * link_before(model, joint).norm() : degrees;
+  }
+  double operator()(const PayloadTorque& payload) const {
+    const double mass = around(Circumstance::payload, model.circumstances.payload);
+    return mass * unit_torque(model, joint, stop.frames.moved.back() * to_eigen(payload.centre), stop.frames);
+  }
   double operator()(const OwnFunction& own_function) const { return own_values(own_function, stop.q)[0]; }
+
+  // The model's where the configuration states none.
+  double around(Circumstance circumstance, double otherwise) const {
+    const MatrixXd& stated = stop.signals.circumstances;
+    const double value =
+        stated.size() > 0 ? stated(static_cast<Index>(circumstance), stop.column) : Circumstances::kUnknown;
+    return std::isnan(value) ? otherwise : value;
+  }
 
   // NaN if no such signals were measured.
   double signal(const MatrixXd& values) const {

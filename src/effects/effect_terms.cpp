@@ -13,6 +13,7 @@
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
+#include "model/kinematics.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
@@ -180,6 +181,18 @@ void add_coupling(const ErrorModel& model, std::size_t joint, std::vector<Effect
   }
 }
 
+// Every link, every joint, and every joint that the payload turns. None where the circumstance is not stated.
+void add_circumstances(const ErrorModel& model, EffectGroup group, std::size_t joint, const DriveSignals& signals,
+                       std::vector<EffectTerm>& terms) {
+  if (group == EffectGroup::payload && is_stated(signals, Circumstance::payload)) {
+    terms.push_back(term_of(model, joint, PayloadTorque{model.payload_centre}));
+  } else if (group == EffectGroup::drift && is_stated(signals, Circumstance::temperature)) {
+    terms.push_back(term_of(model, joint, Temperature{}));
+  } else if (group == EffectGroup::expansion && is_stated(signals, Circumstance::temperature)) {
+    terms.push_back(term_of(model, joint, Temperature{.of_link = true}, {}, EffectAxis::along));
+  }
+}
+
 constexpr double kLeastScale = 0.05;  // least standard deviation of a function of unit size
 constexpr double kNew = 0.05;         // least part of a function not explained by others of its joint
 
@@ -187,6 +200,7 @@ bool has_no_unit_size(const EffectTerm& term) {
   const auto* const torque = std::get_if<MeasuredTorque>(&term.function);
   const auto* const coupling = std::get_if<JointCoupling>(&term.function);
   return std::holds_alternative<JointGain>(term.function) || std::holds_alternative<OwnFunction>(term.function) ||
+         std::holds_alternative<Temperature>(term.function) || std::holds_alternative<PayloadTorque>(term.function) ||
          (torque != nullptr && torque->play == 0.0) || (coupling != nullptr && coupling->times == 0.0);
 }
 
@@ -216,6 +230,10 @@ std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std
     }
     if (rest.norm() < kNew) {
       continue;
+    }
+    if (term.axis == EffectAxis::along && std::holds_alternative<Temperature>(term.function)) {
+      term.scale /=
+          link_before(model, static_cast<std::size_t>(term.index)).norm();  // one size for links of any length
     }
     basis.conservativeResize(Eigen::NoChange, basis.cols() + 1);
     basis.rightCols<1>() = rest.normalized();
@@ -261,6 +279,11 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
         break;
       case EffectGroup::coupling:
         add_coupling(model, joint, all);
+        break;
+      case EffectGroup::expansion:
+      case EffectGroup::drift:
+      case EffectGroup::payload:
+        add_circumstances(model, group, joint, signals, all);
         break;
       case EffectGroup::tables:  // of all joints together, above
       case EffectGroup::own:     // own_terms

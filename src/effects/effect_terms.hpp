@@ -12,7 +12,7 @@ namespace kdl_calibration {
 /// The terms of a group that joint values (joints x N) can tell apart: each standardised by its mean and standard
 /// deviation there. Terms that hardly vary, and terms that others of the same joint replace, are left out. Tables need
 /// a range of 10 degrees or 20 mm.
-/// Without `signals` (of the joint values) there are no terms of torques or directions of approach.
+/// Without `signals` (of the joint values) there are no terms of torques, directions of approach and circumstances.
 ///
 /// Gravity. The torque about joint i is a_i · sum_l (p_l - o_i + R_l c_l) x m_l g over the later links l. Every p_l -
 /// o_i is a sum of vectors that are constant in the links before l, so that for revolute joints the torque is a linear
@@ -24,6 +24,8 @@ namespace kdl_calibration {
 /// Torque. The measured torque, and its tanh over 0.15 of its mean size. Throws InputError if only some configurations
 /// have a joint's torque.
 /// Coupling. The values of the two joints before, and sine and cosine of the last one.
+/// Expansion. The temperature times the length of the link before the joint; the coefficient is the growth per length.
+/// Drift. The temperature. Payload. The torque of the stated mass at the model's payload_centre.
 /// Ripple. ripple_search finds the frequency in the residuals; here 100 per turn in every joint, for simulated robots.
 /// Tables. A Gaussian process of Matérn-3/2 covariance in the Hilbert-space basis of Solin and Särkkä (2020), of length
 /// `length` [rad or m]; its functions are not scaled, so that `sigma` is the table's.

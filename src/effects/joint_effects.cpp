@@ -21,14 +21,14 @@ using Eigen::Ref;
 using Eigen::VectorXd;
 
 const char* to_string(EffectGroup group) {
-  constexpr std::array kNames = {"gravity", "transverse", "gain",   "backlash", "harmonics",
-                                 "ripple",  "tables",     "torque", "coupling", "own"};
+  constexpr std::array kNames = {"gravity", "transverse", "gain",      "backlash", "harmonics", "ripple", "tables",
+                                 "torque",  "coupling",   "expansion", "drift",    "payload",   "own"};
   static_assert(kNames.size() == kEffectGroups + 1, "the last one has no group that can be asked for");
   return kNames[static_cast<std::size_t>(group)];
 }
 
 const char* to_string(EffectAxis axis) {
-  constexpr std::array<const char*, 3> kNames = {"own", "x", "y"};
+  constexpr std::array<const char*, 4> kNames = {"own", "x", "y", "along"};
   return kNames[static_cast<std::size_t>(axis)];
 }
 
@@ -49,12 +49,28 @@ std::vector<std::string> effect_group_names() {
   return names;
 }
 
+std::optional<Circumstance> needed_circumstance(EffectGroup group) {
+  switch (group) {
+    case EffectGroup::expansion:
+    case EffectGroup::drift:
+      return Circumstance::temperature;
+    case EffectGroup::payload:
+      return Circumstance::payload;
+    default:
+      return std::nullopt;
+  }
+}
+
 EffectGroup EffectTerm::group() const {
   using enum EffectGroup;
-  constexpr std::array kGroups = {gravity, gravity, gain, backlash, backlash, harmonics, tables, torque, coupling, own};
+  constexpr std::array kGroups = {gravity, gravity, gain,     backlash, backlash, harmonics,
+                                  tables,  torque,  coupling, drift,    payload,  own};
   static_assert(kGroups.size() == std::variant_size_v<EffectFunction>, "a group for each kind, in the same order");
   if (const auto* const swing = std::get_if<Sinusoid>(&function)) {
     return swing->is_ripple ? ripple : harmonics;
+  }
+  if (axis == EffectAxis::along && !std::holds_alternative<OwnFunction>(function)) {
+    return expansion;
   }
   const EffectGroup of_kind = kGroups[function.index()];
   return of_kind == gravity && axis != EffectAxis::own ? transverse : of_kind;
@@ -78,14 +94,22 @@ std::map<EffectMotionKey, std::vector<Index>> terms_by_motion(const ErrorModel& 
 }
 
 Index motion_size(const ErrorModel& model) {
-  const bool tilts = std::any_of(model.effects.begin(), model.effects.end(),
-                                 [](const EffectTerm& term) { return term.axis != EffectAxis::own; });
-  return static_cast<Index>(model.joints.size()) * (tilts ? 3 : 1);
+  const auto any = [&](const auto& is_such) {
+    return std::any_of(model.effects.begin(), model.effects.end(),
+                       [&](const EffectTerm& term) { return is_such(term.axis); });
+  };
+  const Index entries = any([](EffectAxis axis) { return axis == EffectAxis::along; }) ? 4
+                        : any([](EffectAxis axis) { return axis != EffectAxis::own; }) ? 3
+                                                                                       : 1;
+  return static_cast<Index>(model.joints.size()) * entries;
 }
 
 Index motion_entry(const ErrorModel& model, const EffectTerm& term) {
   if (term.axis == EffectAxis::own) {
     return term.index;
+  }
+  if (term.axis == EffectAxis::along) {
+    return 3 * static_cast<Index>(model.joints.size()) + term.index;
   }
   return static_cast<Index>(model.joints.size()) + Index{2} * term.index + (term.axis == EffectAxis::across_y ? 1 : 0);
 }
@@ -167,6 +191,25 @@ MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values,
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const auto row = static_cast<Index>(e);
     result.row(motion_entry(model, model.effects[e])) += values[row] * basis.row(row);
+  }
+  return result;
+}
+
+KDL::Chain stretched_chain(const ErrorModel& model, const KDL::Chain& chain, const VectorXd& stretches) {
+  KDL::Chain result;
+  Index next = 0;
+  for (const KDL::Segment& segment : chain.segments) {
+    const KDL::Joint& joint = segment.getJoint();
+    if (joint.getType() == KDL::Joint::Fixed) {
+      result.addSegment(segment);
+      continue;
+    }
+    const KDL::Frame& nominal = model.joints[static_cast<std::size_t>(next)].origin;
+    const double length = nominal.p.Norm();
+    const KDL::Vector along = length > 0.0 ? nominal.p / length : KDL::Vector::Zero();
+    const KDL::Frame origin = KDL::Frame(along * stretches[next++]) * segment.getFrameToTip();
+    const KDL::Joint moved(joint.getName(), origin.p, joint.JointAxis(), joint.getType());
+    result.addSegment(KDL::Segment(segment.getName(), moved, origin, segment.getInertia()));
   }
   return result;
 }

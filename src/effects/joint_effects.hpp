@@ -18,13 +18,17 @@ namespace kdl_calibration {
 /// "tables.3", "own.droop".
 std::string size_name(const EffectTerm& term);
 
-/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque", "coupling", "own".
+/// "gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "torque", "coupling", "expansion",
+/// "drift", "payload", "own".
 const char* to_string(EffectGroup group);
-/// "own", "x", "y".
+/// "own", "x", "y", "along".
 const char* to_string(EffectAxis axis);
 /// The groups that can be asked for by name, which `own` is not.
 std::optional<EffectGroup> effect_group(const std::string& name);
 std::vector<std::string> effect_group_names();
+
+/// What must be stated for a group; none: nothing.
+std::optional<Circumstance> needed_circumstance(EffectGroup group);
 
 /// A group of effects on one joint about one of its axes.
 struct EffectMotionKey {
@@ -59,7 +63,8 @@ bool withholds_tables(const ErrorModel& model, const Eigen::VectorXd& q);
 
 constexpr std::size_t kFewJoints = 32;  ///< up to which the functions that say so allocate nothing
 
-/// Size of a vector of effective joint values: one entry per joint, or three if some term tilts, see FoldedChain.
+/// Size of a vector of effective joint values: one entry per joint, three if some term tilts, four if some expands a
+/// link, see FoldedChain.
 Eigen::Index motion_size(const ErrorModel& model);
 /// The entry that the term moves.
 Eigen::Index motion_entry(const ErrorModel& model, const EffectTerm& term);
@@ -77,6 +82,9 @@ Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::Vec
 Eigen::MatrixXd effective_joint_values(const ErrorModel& model, const Eigen::VectorXd& values,
                                        const Eigen::MatrixXd& joint_values, const Eigen::MatrixXd& basis);
 
+/// The robot's chain with the links before its moving joints longer by `stretches` [m], one for each joint, along the
+/// nominal links of the model.
+KDL::Chain stretched_chain(const ErrorModel& model, const KDL::Chain& chain, const Eigen::VectorXd& stretches);
 /// The robot's chain with two tilt angles for each moving joint, as in FoldedChain.
 KDL::Chain tilted_chain(const KDL::Chain& chain, const Eigen::VectorXd& tilts);
 

@@ -56,7 +56,7 @@ struct ChainColumn {
 
 /// A motion by the terms first … last - 1, of which the first `free` have columns.
 struct ChainMotion {
-  std::size_t entry = 0;  // index into joint values and tilts, see FoldedChain
+  std::size_t entry = 0;  // index into joint values, tilts and stretches, see FoldedChain
   ChainColumn column;
   std::size_t first = 0;
   std::size_t free = 0;
@@ -97,9 +97,10 @@ struct ChainKernelInput {
   bool own_roots = false;  // U is stored in the data,
   bool coupled = false;    // completely, else only the blocks U_jl of a point's own rows j
   std::vector<OrientationNumbers> oriented;
-  std::vector<ChainMotion> motions;  // with consecutive ranges of terms
-  std::vector<double> values;        // of the terms
-  bool tilts = false;                // whether motions tilt joints
+  std::vector<ChainMotion> motions;              // with consecutive ranges of terms
+  std::vector<double> values;                    // of the terms
+  bool tilts = false;                            // whether motions tilt joints
+  std::vector<std::array<double, 3>> stretches;  // as FoldedChain::stretches if motions expand links, with `tilts`
   /// Per block of kLanes configurations: joints rows, then x y z of each point or row j, then U row by row from the
   /// diagonal on, then of each orientation Z row by row and o, then phi of each term.
   const LaneRow* data = nullptr;
@@ -117,7 +118,7 @@ struct ChainKernelInput {
            (own_roots ? root_rows(points.size(), coupled) : 0);
   }
   std::size_t rows() const { return first_orientation() + kOrientationRows * oriented.size() + values.size(); }
-  std::size_t entries() const { return (tilts ? 3 : 1) * prismatic.size(); }
+  std::size_t entries() const { return (!stretches.empty() ? 4 : tilts ? 3 : 1) * prismatic.size(); }
 };
 
 /// Rows of `gram`: for each turning column i the columns j >= i, then for each of the others the same. Rows of

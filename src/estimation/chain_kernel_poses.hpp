@@ -119,7 +119,8 @@ static inline void moved_joints(const ChainKernelInput& input, const Rows& comma
 static inline __attribute__((always_inline)) void chain_poses(const ChainKernelInput& input, const Vector& mask,
                                                               const Vector* q, Vector* turns, Vector* poses) {
   const std::size_t count = input.prismatic.size();
-  for (std::size_t i = 0; i < input.entries(); ++i) {  // all joints first: unlike the poses they are independent
+  const std::size_t angles = (input.tilts ? 3 : 1) * count;
+  for (std::size_t i = 0; i < angles; ++i) {  // all joints first: unlike the poses they are independent
     if (i >= count || input.prismatic[i] == 0) {
       sine_and_cosine(q[i], turns[2 * i], turns[2 * i + 1]);
     }
@@ -132,6 +133,9 @@ static inline __attribute__((always_inline)) void chain_poses(const ChainKernelI
       constant_pose(input.links[i], mask, pose);
     } else {
       behind(input.links[i], poses + 15 * (i + 1), pose);
+      for (std::size_t k = 0; k < 3 && !input.stretches.empty(); ++k) {
+        pose[9 + k] += q[3 * count + i] * input.stretches[i][k];
+      }
     }
     if (i > 0 && input.prismatic[i - 1] != 0) {
       pose[11] += q[i - 1];

@@ -146,12 +146,13 @@ std::vector<ChainMotion> motions_of(const ErrorModel& model, const Unknowns& unk
   const auto joints = static_cast<int>(model.joints.size());
   const bool tilts = std::cmp_greater(motion_size(model), joints);
   const std::vector<std::size_t>& free = unknowns.effects();
+  const FoldedChain nominal = folded(model, Eigen::VectorXd::Zero(std::ssize(model.parameters)));
   std::vector<ChainMotion> motions;
   for (std::size_t t = 0; t < terms.size(); ++t) {
     const EffectTerm& term = model.effects[terms[t]];
     const auto entry = static_cast<std::size_t>(motion_entry(model, term));
     if (motions.empty() || motions.back().entry != entry) {
-      const ParameterTwist twist = effect_twist(model, term);
+      const ParameterTwist twist = effect_twist(nominal, term);
       const int frame = twist.frame + (tilts && twist.tilted ? joints + 2 : 1);
       motions.push_back({.entry = entry, .column = numbers_of(twist, frame), .first = t, .free = 0, .last = t});
     }

@@ -135,12 +135,29 @@ void LanePass::prepare(const Estimate& estimate, LaneWorkspace& work) const {
   set_motions(estimate, work);
 }
 
+namespace {
+
+// The directions of links that grow, by the present errors.
+void turn_stretches(const FoldedChain& chain, std::vector<ChainMotion>& motions) {
+  const std::size_t first = 3 * chain.prismatic.size();
+  for (ChainMotion& motion : motions) {
+    if (motion.entry >= first) {
+      const std::size_t joint = motion.entry - first;
+      const Vector3d along = chain.links[joint].linear().transpose() * chain.stretches[joint];
+      motion.column.linear = {along.x(), along.y(), along.z()};
+    }
+  }
+}
+
+}  // namespace
+
 // No motions if all effects are zero and fixed.
 void LanePass::set_motions(const Estimate& estimate, LaneWorkspace& work) const {
   const bool moved = estimate.effects.size() != 0 && !estimate.effects.isZero(0.0);
   work.input.values.assign(terms_.size(), 0.0);
   work.input.motions.clear();
   work.input.tilts = false;
+  work.input.stretches.clear();
   if (!moved && unknowns_.effects().empty()) {
     return;
   }
@@ -149,6 +166,12 @@ void LanePass::set_motions(const Estimate& estimate, LaneWorkspace& work) const 
     work.input.values[t] = estimate.effects[static_cast<Index>(terms_[t])];
   }
   work.input.tilts = std::cmp_greater(motion_size(model_), model_.joints.size());
+  if (std::cmp_equal(motion_size(model_), 4 * model_.joints.size())) {
+    for (const Vector3d& along : work.chain.stretches) {
+      work.input.stretches.push_back({along.x(), along.y(), along.z()});
+    }
+    turn_stretches(work.chain, work.input.motions);
+  }
   work.order.insert(work.order.end(), term_columns_.begin(), term_columns_.end());
 }
 

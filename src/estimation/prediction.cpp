@@ -57,13 +57,17 @@ std::vector<Vector3d> residuals_of(const ErrorModel& model, const Estimate& esti
   return result;
 }
 
-ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term) {
+ParameterTwist effect_twist(const FoldedChain& chain, const EffectTerm& term) {
+  const auto joint = static_cast<std::size_t>(term.index);
   ParameterTwist twist;
   twist.frame = term.index;
+  if (term.axis == EffectAxis::along) {
+    twist.linear = chain.links[joint].linear().transpose() * chain.stretches[joint];
+    return twist;
+  }
   twist.tilted = term.axis != EffectAxis::across_x;  // the folded chain's joints turn about x, then about y and z
   if (term.axis == EffectAxis::own) {
-    const bool prismatic = model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
-    (prismatic ? twist.linear : twist.angular) = Vector3d::UnitZ();
+    (chain.prismatic[joint] ? twist.linear : twist.angular) = Vector3d::UnitZ();
   } else {
     twist.angular = term.axis == EffectAxis::across_x ? Vector3d::UnitX() : Vector3d::UnitY();
   }
@@ -78,8 +82,11 @@ std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate
   }
   const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
-  for (const std::size_t d : unknowns.effects()) {
-    twists.push_back(effect_twist(model, model.effects[d]));
+  if (!unknowns.effects().empty()) {
+    const FoldedChain chain = folded(model, estimate.errors);
+    for (const std::size_t d : unknowns.effects()) {
+      twists.push_back(effect_twist(chain, model.effects[d]));
+    }
   }
   return twists;
 }

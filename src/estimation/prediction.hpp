@@ -43,7 +43,7 @@ std::vector<Eigen::Vector3d> residuals_of(const ErrorModel& model, const Estimat
                                           const Measurements& measurements);
 
 /// Twist of a term's column per unit of the joint's motion; the caller multiplies it by basis(q).
-ParameterTwist effect_twist(const ErrorModel& model, const EffectTerm& term);
+ParameterTwist effect_twist(const FoldedChain& chain, const EffectTerm& term);
 /// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects as effect_twist().
 std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
 

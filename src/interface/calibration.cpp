@@ -1,6 +1,7 @@
 #include "kdl_calibration/calibration.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "base/preconditions.hpp"
@@ -12,7 +13,9 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/version.hpp"
+#include "measurements/drive_signals.hpp"
 #include "measurements/readings.hpp"
+#include "measurements/training_rows.hpp"
 #include "model/error_chains.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "robot/mimic.hpp"
@@ -104,10 +107,13 @@ std::string hash_of(const Measurements& measurements) {
   // The bindings name every member: a new one does not compile before somebody decides whether it belongs to the hash.
   const auto& [source, joints, joint_values, configurations, targets, stations, observations, joint_units, remark,
                signals] = measurements;
-  const auto& [approach, torques] = signals;
+  const auto& [approach, torques, circumstances] = signals;
   add_each(joint_values);
   add_each(approach);
   add_each(torques);
+  if (circumstances.size() > 0) {
+    add_each(circumstances);
+  }
   add(observations.size());
   for (const Observation& row : observations) {
     const auto& [reading, sigma, order, configuration, target, repeat, split, station] = row;
@@ -189,10 +195,17 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
   ErrorModel model = complete_model(robot);
   model.gravity = unit_vector(options.effects.gravity_direction);
   require_conventions(options.diagnosis, model.joints);
+  require_finite("effects.payload_centre", options.effects.payload_centre.allFinite());
+  const Eigen::Vector3d& centre = options.effects.payload_centre;
+  model.payload_centre = {centre.x(), centre.y(), centre.z()};
+  const std::vector<bool> trained = trained_configurations(measurements);
+  model.circumstances = {.temperature = range_of(measurements.signals, Circumstance::temperature, trained).mean,
+                         .payload = range_of(measurements.signals, Circumstance::payload, trained).mean};
   CalibrationSettings settings = settings_of(options);
   if (const Calibration* earlier = options.priors.earlier) {
     settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));
     model.gravity = earlier->parts().model.gravity;
+    model.payload_centre = earlier->parts().model.payload_centre;
   }
   return calibrate(model, measurements, settings);
 }
@@ -228,6 +241,30 @@ const ParameterEstimate& Calibration::parameter(const std::string& name) const {
     refuse_input("parameter " + shown(name) + " is not estimated", "a name among parameters()");
   }
   return *found;
+}
+
+Calibration Calibration::at(const Circumstances& circumstances) const {
+  if (std::isnan(circumstances.temperature) && std::isnan(circumstances.payload)) {
+    return *this;
+  }
+  CalibrationParts parts = *parts_;
+  parts.fitted = nullptr;  // which is of the measured ones
+  const std::vector<EffectTerm>& effects = parts.model.effects;
+  const auto take = [&](double value, EffectGroup first, EffectGroup second, const char* what, double& taken) {
+    if (std::isnan(value)) {
+      return;
+    }
+    const auto depends = [&](const EffectTerm& term) { return term.group() == first || term.group() == second; };
+    if (!std::isfinite(value) || std::none_of(effects.begin(), effects.end(), depends)) {
+      refuse_input(std::string("a ") + what + " at which nothing would change",
+                   std::string("a finite one, and a result that has an effect of the ") + what);
+    }
+    taken = value;
+  };
+  take(circumstances.temperature, EffectGroup::expansion, EffectGroup::drift, "temperature",
+       parts.model.circumstances.temperature);
+  take(circumstances.payload, EffectGroup::payload, EffectGroup::payload, "payload", parts.model.circumstances.payload);
+  return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
 }
 
 CalibratedArm Calibration::arm() const { return CalibratedArm(parts_); }

@@ -10,6 +10,32 @@ namespace kdl_calibration {
 using Eigen::Index;
 using Eigen::MatrixXd;
 
+const char* to_string(Circumstance circumstance) {
+  return circumstance == Circumstance::temperature ? "temperature" : "payload";
+}
+
+CircumstanceRange range_of(const DriveSignals& signals, Circumstance circumstance, const std::vector<bool>& which) {
+  CircumstanceRange range;
+  double sum = 0.0;
+  double count = 0.0;
+  for (Index c = 0; c < signals.circumstances.cols(); ++c) {
+    const double value = signals.circumstances(static_cast<Index>(circumstance), c);
+    if (which[static_cast<std::size_t>(c)] && !std::isnan(value)) {
+      range.lower = std::fmin(range.lower, value);
+      range.upper = std::fmax(range.upper, value);
+      sum += value;
+      count += 1.0;
+    }
+  }
+  range.mean = sum / count;  // NaN if none is known
+  return range;
+}
+
+bool is_stated(const DriveSignals& signals, Circumstance circumstance) {
+  const MatrixXd& stated = signals.circumstances;
+  return stated.size() > 0 && !stated.row(static_cast<Index>(circumstance)).array().isNaN().all();
+}
+
 bool has_torques(const DriveSignals& signals, Index joint) {
   return signals.torques.size() > 0 && !signals.torques.row(joint).array().isNaN().all();
 }
@@ -28,6 +54,14 @@ std::string fault_of(const DriveSignals& signals, const MatrixXd& joint_values, 
       return std::string(name) + what + " that are infinite, expected NaN where none is known";
     }
   }
+  const MatrixXd& around = signals.circumstances;
+  if (around.size() > 0 && (around.rows() != kCircumstances || around.cols() != joint_values.cols())) {
+    return size(around) + " circumstances" + what + ", expected 2 x " + std::to_string(joint_values.cols()) +
+           ", temperature and payload of each configuration";
+  }
+  if (around.array().isInf().any() || (around.size() > 0 && (around.row(1).array() < 0.0).any())) {
+    return "circumstances" + what + " that are infinite or of a negative payload, expected NaN where none is known";
+  }
   return {};
 }
 
@@ -35,12 +69,12 @@ DriveSignals columns(const DriveSignals& signals, const std::vector<Index>& whic
   const auto of = [&](const MatrixXd& matrix) {
     return matrix.size() == 0 ? MatrixXd() : MatrixXd(matrix(Eigen::all, which));
   };
-  return {.approach = of(signals.approach), .torques = of(signals.torques)};
+  return {.approach = of(signals.approach), .torques = of(signals.torques), .circumstances = of(signals.circumstances)};
 }
 
 DriveSignals column(const DriveSignals& signals, Index which) {
   const auto of = [&](const MatrixXd& matrix) { return matrix.size() == 0 ? MatrixXd() : MatrixXd(matrix.col(which)); };
-  return {.approach = of(signals.approach), .torques = of(signals.torques)};
+  return {.approach = of(signals.approach), .torques = of(signals.torques), .circumstances = of(signals.circumstances)};
 }
 
 DriveSignals side_by_side(const DriveSignals& first, const DriveSignals& second) {
@@ -52,7 +86,9 @@ DriveSignals side_by_side(const DriveSignals& first, const DriveSignals& second)
     }
     return result;
   };
-  return {.approach = both(first.approach, second.approach), .torques = both(first.torques, second.torques)};
+  return {.approach = both(first.approach, second.approach),
+          .torques = both(first.torques, second.torques),
+          .circumstances = both(first.circumstances, second.circumstances)};
 }
 
 MatrixXd directions_of_motion(const MatrixXd& stops) {

@@ -1,12 +1,31 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "kdl_calibration/measurements.hpp"
 
 namespace kdl_calibration {
+
+/// The rows of DriveSignals::circumstances.
+enum class Circumstance : std::uint8_t { temperature, payload };
+constexpr Eigen::Index kCircumstances = 2;
+/// "temperature", "payload".
+const char* to_string(Circumstance circumstance);
+
+/// Mean over the configurations `which` are true for, and its least and largest value; NaN if none states it.
+struct CircumstanceRange {
+  double mean = std::numeric_limits<double>::quiet_NaN();
+  double lower = std::numeric_limits<double>::quiet_NaN();
+  double upper = std::numeric_limits<double>::quiet_NaN();
+};
+CircumstanceRange range_of(const DriveSignals& signals, Circumstance circumstance, const std::vector<bool>& which);
+
+/// Whether some configuration states it.
+bool is_stated(const DriveSignals& signals, Circumstance circumstance);
 
 /// Whether the joint's torque was measured in some configuration.
 bool has_torques(const DriveSignals& signals, Eigen::Index joint);

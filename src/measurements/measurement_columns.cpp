@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::string_view kTorquePrefix = "tau_";
 
-enum class Quantity : std::uint8_t { none, length, angle };
+enum class Quantity : std::uint8_t { none, length, angle, temperature, mass };
 
 struct FixedColumn {
   std::string_view name;
@@ -42,7 +42,9 @@ std::vector<FixedColumn> fixed_columns(Header& header) {
                                       {"order", &header.order},
                                       {"collection", header.passed_over.data()},
                                       {"group", &header.passed_over[1]},
-                                      {"sigma", &header.sigma, length}};
+                                      {"sigma", &header.sigma, length},
+                                      {"temperature", header.circumstances.data(), temperature},
+                                      {"payload", &header.circumstances[1], mass}};
   for (std::size_t form = 0; form < kOrientationForms.size(); ++form) {
     for (std::size_t i = 0; i < kOrientationForms[form].count(); ++i) {
       columns.push_back(
@@ -203,6 +205,8 @@ private:
 
   static std::vector<std::string_view> units_of(Quantity quantity) {
     if (quantity == Quantity::none) return {};
+    if (quantity == Quantity::temperature) return {"degC"};
+    if (quantity == Quantity::mass) return {"kg"};
     return units_of(quantity == Quantity::angle ? ValueKind::angle : ValueKind::length);
   }
 
@@ -358,8 +362,9 @@ std::string expected_columns(const ExpectedJoints& joints) {
     required = "x, y, z and " + orientation;
     optional = own + ", configuration, target, ";
   }
-  return "expected " + required + ", optionally " + optional + "split, repeat, order, sigma, station, " +
-         std::string(kTorquePrefix) + "<joint>" + (joints.content == FileContent::poses ? "" : ", " + orientation) +
+  return "expected " + required + ", optionally " + optional +
+         "split, repeat, order, sigma, station, temperature, payload, " + std::string(kTorquePrefix) + "<joint>" +
+         (joints.content == FileContent::poses ? "" : ", " + orientation) +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }
 

@@ -81,10 +81,11 @@ struct Header {
   OrientationReading reading = OrientationReading::usual;  ///< of three columns; `usual` for a quaternion
   std::array<std::array<Column, 4>, kOrientationForms.size()> orientations;  ///< of each form
   std::vector<Column> joints;                                                ///< in the order of the expected names
-  std::vector<Column> followers;   ///< in the order of ExpectedJoints::followers, absent ones included
-  std::vector<bool> own_values;    ///< whether each of `joints` is the joint's own column, not its drive's
-  std::vector<Column> torques;     ///< of the expected joints, absent ones included
-  std::vector<std::string> notes;  ///< differences from the format of measurements_csv
+  std::vector<Column> followers;        ///< in the order of ExpectedJoints::followers, absent ones included
+  std::vector<bool> own_values;         ///< whether each of `joints` is the joint's own column, not its drive's
+  std::vector<Column> torques;          ///< of the expected joints, absent ones included
+  std::array<Column, 2> circumstances;  ///< temperature and payload
+  std::vector<std::string> notes;       ///< differences from the format of measurements_csv
 };
 
 inline bool states_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }

@@ -54,7 +54,8 @@ struct UsedColumns {
   bool station = false;
   bool along = false;
   bool distance = false;
-  std::vector<Eigen::Index> torques;  ///< joints with a known torque
+  std::vector<Eigen::Index> torques;             ///< joints with a known torque
+  std::vector<Circumstance> circumstances = {};  ///< those that some configuration states
 };
 
 /// Whether the measured coordinates are along axes of W.
@@ -67,6 +68,9 @@ UsedColumns used_columns(const Measurements& measurements) {
   UsedColumns used;
   for (Eigen::Index j = 0; j < measurements.signals.torques.rows(); ++j) {
     if (has_torques(measurements.signals, j)) used.torques.push_back(j);
+  }
+  for (const Circumstance circumstance : {Circumstance::temperature, Circumstance::payload}) {
+    if (is_stated(measurements.signals, circumstance)) used.circumstances.push_back(circumstance);
   }
   for (const Observation& o : measurements.observations) {
     used.split = used.split || o.split == Split::test;
@@ -109,6 +113,9 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
         measurements.joint_units.empty() ? JointUnit::unstated : measurements.joint_units[static_cast<std::size_t>(j)];
     const char* in = unit == JointUnit::radian ? "[Nm]" : unit == JointUnit::metre ? "[N]" : "";
     text += "," + csv_field("tau_" + measurements.joints[static_cast<std::size_t>(j)] + in);
+  }
+  for (const Circumstance circumstance : used.circumstances) {
+    text += circumstance == Circumstance::temperature ? ",temperature[degC]" : ",payload[kg]";
   }
   return text + "\n";
 }
@@ -185,6 +192,10 @@ std::string measurements_csv(const Measurements& measurements) {
     for (const Eigen::Index j : used.torques) {
       const double torque = measurements.signals.torques(j, o.configuration);
       cells.add(torque, !std::isnan(torque));
+    }
+    for (const Circumstance circumstance : used.circumstances) {
+      const double value = measurements.signals.circumstances(static_cast<Eigen::Index>(circumstance), o.configuration);
+      cells.add(value, !std::isnan(value));
     }
     text += '\n';
   }

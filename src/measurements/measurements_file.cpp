@@ -19,6 +19,7 @@
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/orientation_reading.hpp"
+#include "measurements/configuration_means.hpp"
 #include "measurements/label_table.hpp"
 #include "measurements/measurement_columns.hpp"
 #include "measurements/measurement_row.hpp"
@@ -27,7 +28,6 @@
 #include "measurements/missing_units.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stated_joints.hpp"
-#include "measurements/torque_means.hpp"
 #include "measurements/training_rows.hpp"
 #include "robot/mimic.hpp"
 
@@ -40,7 +40,12 @@ constexpr double kSamePose = 1e-4;  // [rad] or [m] largest difference between r
 class Collector {
 public:
   Collector(const Header& header, const std::string& source, bool with_points)
-      : header_(header), source_(source), with_points_(with_points), joint_columns_(joint_columns(header)) {
+      : header_(header),
+        source_(source),
+        with_points_(with_points),
+        joint_columns_(joint_columns(header)),
+        torques_(header.torques),
+        circumstances_(header.circumstances) {
     joint_row_.resize(joint_columns_.size());
   }
 
@@ -64,7 +69,8 @@ public:
     if (present(header_.order)) observation.order = row.order();
     observations_.push_back(observation);
     lines_.push_back(line);
-    torques_.add(header_, row, observation.configuration);
+    torques_.add(row, observation.configuration);
+    circumstances_.add(row, observation.configuration);
   }
 
   Measurements finish(const ExpectedJoints& joints, const DecimalMark& decimals) && {
@@ -106,7 +112,8 @@ public:
       std::exchange(first_rows_, {});
     }
     result.joint_values = with_followers(stated, read);
-    result.signals.torques = torques_.means(header_, joints, result.configurations.size());
+    result.signals.torques = joint_torques(torques_.means(result.configurations.size()), joints);
+    result.signals.circumstances = circumstances_.means(result.configurations.size());
     result.signals.approach = approach_directions(result);
     result.remark = recognised(decimals);
     if (!scatter_.empty()) {
@@ -330,7 +337,8 @@ private:
   double largest_scatter_ = 0.0;
   std::vector<Observation> observations_;
   std::map<std::int16_t, bool> anchors_have_places_;  ///< of stations with distances, whether x, y, z are given
-  TorqueMeans torques_;
+  ConfigurationMeans torques_;
+  ConfigurationMeans circumstances_;
   std::vector<std::size_t> lines_;  ///< line of each observation
 };
 

@@ -53,6 +53,7 @@ FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors) {
       link.linear() = link.linear() * turn;
       turn_back = turn.transpose();
       chain.prismatic.push_back(model.joints[i].type == JointType::prismatic);
+      chain.stretches.push_back(link_before(model, i).stableNormalized());
     }
     chain.links.push_back(link);
   }
@@ -99,6 +100,11 @@ std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eige
   return twists;
 }
 
+Eigen::Vector3d link_before(const ErrorModel& model, std::size_t joint) {
+  const Eigen::Vector3d link = to_eigen(model.joints[joint].origin.p);
+  return joint == 0 ? link : Eigen::Vector3d(z_onto(to_eigen(model.joints[joint - 1].axis)).transpose() * link);
+}
+
 ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>& which) {
   frames_.resize(model.joints.size() + 1);
   shape_.links.resize(frames_.size());
@@ -110,6 +116,7 @@ ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>
       frames_[i].turn = z_onto(to_eigen(model.joints[i].axis));
       turn_back = frames_[i].turn.transpose();
       shape_.prismatic.push_back(model.joints[i].type == JointType::prismatic);
+      shape_.stretches.push_back(link_before(model, i).stableNormalized());
     }
   }
   for (const bool offsets : {false, true}) {  // the order of chain_factors
@@ -219,6 +226,13 @@ public:
       turn(q[first], rows_[1], rows_[2]);
     }
   }
+  /// The expansion of the link before it, if `q` has entries for it.
+  void stretch(const Eigen::Ref<const Eigen::VectorXd>& q, std::size_t joint, const FoldedChain& chain) {
+    const auto entry = static_cast<Eigen::Index>(3 * chain.prismatic.size() + joint);
+    for (std::size_t row = 0; row < 3 && q.size() > entry; ++row) {
+      rows_[row][3] += q[entry] * chain.stretches[joint][static_cast<Eigen::Index>(row)];
+    }
+  }
 
 private:
   // A rotation that turns the coordinate axis of one row towards another's.
@@ -241,6 +255,7 @@ Eigen::Isometry3d flange_pose(const FoldedChain& chain, const Eigen::Ref<const E
     pose.move(q, i, chain.prismatic[i]);
     pose.tilt(q, i, chain.prismatic.size());
     pose.put_in_front(chain.links[i]);
+    pose.stretch(q, i, chain);
   }
   return pose.pose();
 }
@@ -277,6 +292,7 @@ Eigen::Isometry3d flange_jacobian(const FoldedChain& chain, const std::vector<Pa
     pose.tilt(q, joint, chain.prismatic.size());
     write_columns(i, false);
     pose.put_in_front(chain.links[joint]);
+    pose.stretch(q, joint, chain);
   }
   write_columns(-1, false);
   return pose.pose();

@@ -31,11 +31,15 @@ Eigen::Matrix3d z_onto(const Eigen::Vector3d& axis);
 /// Joint frame i is the frame before Z(q_i); frame n is the flange.
 ///
 /// A compliant bearing tilts the links behind it. Joint values may therefore have 3 n entries: the n values, then two
-/// tilts [rad] per joint. Z(q_i) then becomes Rx(q[n + 2 i]) Ry(q[n + 2 i + 1]) Z(q_i) with i from 0.
+/// tilts [rad] per joint. Z(q_i) then becomes Rx(q[n + 2 i]) Ry(q[n + 2 i + 1]) Z(q_i) with i from 0. A link that
+/// expands moves the joint frame at its far end: with 4 n entries Trans(q[3 n + i] u_i) comes before links[i].
 struct FoldedChain {
   std::vector<Eigen::Isometry3d> links;
   std::vector<bool> prismatic;
+  std::vector<Eigen::Vector3d> stretches;  ///< u_i: along the nominal link before joint i, in the frame before links[i]
 };
+/// The nominal link before a joint, in the folded frame of the joint before it (the base frame for the first one) [m].
+Eigen::Vector3d link_before(const ErrorModel& model, std::size_t joint);
 FoldedChain folded(const ErrorModel& model, const Eigen::VectorXd& errors);
 
 /// A column of the identification Jacobian before its transformation to the flange: the twist of the links behind joint

@@ -14,8 +14,9 @@ bool is_length(const ErrorModel& model, const ErrorParameter& parameter) {
 }
 
 bool is_length(const ErrorModel& model, const EffectTerm& term) {
-  return term.axis == EffectAxis::own &&
-         model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic;
+  return term.axis == EffectAxis::along ||
+         (term.axis == EffectAxis::own &&
+          model.joints[static_cast<std::size_t>(term.index)].type == JointType::prismatic);
 }
 
 double usual_error(const ErrorModel& model, const ErrorParameter& parameter) {

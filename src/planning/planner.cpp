@@ -12,6 +12,7 @@
 #include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
 #include "effects/effect_terms.hpp"
+#include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -215,8 +216,13 @@ Plan make_plan(const PlanRequest& request) {
   if (!request.effects.empty() && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan are of rigid arms, expected no effects beside them");
   }
-  if (std::find(request.effects.begin(), request.effects.end(), EffectGroup::torque) != request.effects.end()) {
-    throw OptionError("effects", "no torque is measured before the arm is driven, expected groups other than torque");
+  const auto is_measured = [](EffectGroup group) {
+    return group == EffectGroup::torque || needed_circumstance(group).has_value();
+  };
+  if (const auto found = std::find_if(request.effects.begin(), request.effects.end(), is_measured);
+      found != request.effects.end()) {
+    throw OptionError("effects", fmt::format("{} is of what is measured with the arm, expected groups of joint values",
+                                             to_string(*found)));
   }
   require_at_least("candidates", request.candidates, 1);
   require_at_least("configurations of the workspace", request.workspace, 0);

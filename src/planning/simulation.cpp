@@ -143,6 +143,16 @@ DrivenConfigurations simulated_signals(const ErrorModel& model, const Eigen::Mat
     Random random(wanted.seed + static_cast<std::uint64_t>(before.cols()), kStream);
     result.signals.torques = virtual_torques(model, stops, random);
   }
+  if (wanted.circumstances) {
+    constexpr std::uint64_t kOther = 3;
+    Random random(wanted.seed + static_cast<std::uint64_t>(before.cols()), kOther);
+    result.signals.circumstances.resize(kCircumstances, stops.cols());
+    for (Eigen::Index c = 0; c < stops.cols(); ++c) {
+      const double share = static_cast<double>(c) / static_cast<double>(std::max<Eigen::Index>(stops.cols() - 1, 1));
+      const double step = std::min(std::floor(random.uniform(0.0, 3.0)), 2.0);
+      result.signals.circumstances.col(c) << 20.0 + 12.0 * share + 0.3 * random.normal(), 5.0 * step;
+    }
+  }
   return result;
 }
 

@@ -67,6 +67,8 @@ struct SimulatedSignals {
   /// The gravity torque of 10 kg at every later joint frame, plus a random part of a tenth of it (1 sigma), at least 1
   /// Nm or N.
   bool torques = false;
+  /// An arm that warms up from 20 to 32 degC in the order of the stops, 0.3 apart (1 sigma), with 0, 5 or 10 kg.
+  bool circumstances = false;
   std::uint64_t seed = 1;
 };
 /// Signals at `stops` (joints x N) of an arm that was at the stops `before` (joints x M, or empty).

@@ -68,6 +68,9 @@ void save(const Found& found, const std::filesystem::path& file) {
     write_result(file, *found.robot, *found.measurements, found.calibration);
     return;
   }
+  if (found.text.empty()) {
+    throw InputError("a calibration at a stated temperature or payload has no file, expected the one it was made from");
+  }
   std::ofstream stream(file, std::ios::binary);
   stream << found.text << std::flush;
   if (!stream) {
@@ -237,6 +240,18 @@ void bind_calibration(py::module_& module) {
           [](const Found& found, const py::object& q, int threads) { return flange_poses(found.arm(), q, threads); },
           "q"_a, "threads"_a = 0,
           "q: (N, n) or (n,) [rad or m]. Returns (N, 4, 4) or (4, 4): the flange in the base frame [m].")
+      .def(
+          "at",
+          [](const Found& found, double temperature, double payload) {
+            return std::make_shared<Found>(
+                Found{.calibration = found.calibration.at({.temperature = temperature, .payload = payload}),
+                      .robot = found.robot,
+                      .measurements = nullptr,
+                      .own = found.own});
+          },
+          "temperature"_a = Circumstances::kUnknown, "payload"_a = Circumstances::kUnknown,
+          "The same arm at this temperature [degC] and payload [kg] instead of the means of the measurements, for "
+          "predictions and Compensator. Raises InputError where no effect depends on them.")
       .def_readonly("own", &Found::own, "The effects that are functions of the caller's own.")
       .def("save", &save, "file"_a, "Writes the result that `kdlcal calibrate --result` writes, and `load` reads.")
       .def(

@@ -6,9 +6,11 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <limits>
+#include <utility>
 
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/orientation_reading.hpp"
+#include "measurements/training_rows.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
 
@@ -72,11 +74,21 @@ std::shared_ptr<Measurements> from_rows(const Rows& joint_values, const py::dict
   result->configurations = names["configurations"].cast<Names>();
   result->targets = names["targets"].cast<Names>();
   result->stations = names["stations"].cast<Names>();
+  const Doubles circumstances = doubles(given["circumstances"], "circumstances");  // (N, 2), or nothing
+  if (circumstances.size() > 0) {
+    result->signals.circumstances = Rows(circumstances, 2, "circumstances").transposed();
+  }
   const py::ssize_t count = rows.points.shape(0);
   result->observations.reserve(static_cast<std::size_t>(count));
   for (py::ssize_t i = 0; i < count; ++i) {
     result->observations.push_back(observation_at(rows, i));
   }
+  Names stated = std::exchange(result->joints, Names());
+  for (Eigen::Index joint = 0; joint < result->joint_values.rows(); ++joint) {  // whatever their names are
+    result->joints.push_back("joint " + std::to_string(joint + 1));
+  }
+  result->signals.approach = approach_directions(*result);
+  result->joints = std::move(stated);
   return result;
 }
 

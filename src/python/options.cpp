@@ -175,9 +175,10 @@ Members::Reader noise_into(NoiseModel& into) {
 }
 
 const Words<EffectGroup> kGroups = {
-    {"gravity", EffectGroup::gravity},   {"transverse", EffectGroup::transverse}, {"gain", EffectGroup::gain},
-    {"backlash", EffectGroup::backlash}, {"harmonics", EffectGroup::harmonics},   {"ripple", EffectGroup::ripple},
-    {"tables", EffectGroup::tables},     {"torque", EffectGroup::torque},         {"coupling", EffectGroup::coupling}};
+    {"gravity", EffectGroup::gravity},     {"transverse", EffectGroup::transverse}, {"gain", EffectGroup::gain},
+    {"backlash", EffectGroup::backlash},   {"harmonics", EffectGroup::harmonics},   {"ripple", EffectGroup::ripple},
+    {"tables", EffectGroup::tables},       {"torque", EffectGroup::torque},         {"coupling", EffectGroup::coupling},
+    {"expansion", EffectGroup::expansion}, {"drift", EffectGroup::drift},           {"payload", EffectGroup::payload}};
 
 Members::Reader groups_into(std::vector<EffectGroup>& into) {
   return [&into](const py::handle& given, const std::string& where) {
@@ -289,8 +290,10 @@ std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& w
     OwnEffect effect{.name = py::str(key)};
     Members()
         .with("joint", effect.joint)
-        .by("axis",
-            one_of(effect.axis, {{"own", EffectAxis::own}, {"x", EffectAxis::across_x}, {"y", EffectAxis::across_y}}))
+        .by("axis", one_of(effect.axis, {{"own", EffectAxis::own},
+                                         {"x", EffectAxis::across_x},
+                                         {"y", EffectAxis::across_y},
+                                         {"along", EffectAxis::along}}))
         .by("function",
             [&](const py::handle& function, const std::string& place) { effect.columns = columns_by(function, place); })
         .read(value, where + "." + effect.name);
@@ -321,6 +324,7 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
       .by("effects", structure(Members()
                                    .by("groups", groups_into(options.effects.groups))
                                    .with("automatic", options.effects.automatic)
+                                   .by("payload_centre", vector_into(options.effects.payload_centre))
                                    .by("own", own_into(options.effects.own))
                                    .by("gravity_direction", vector_into(options.effects.gravity_direction))))
       .by("noise", structure(Members()

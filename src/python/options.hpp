@@ -45,7 +45,7 @@ struct GivenValidation {
 };
 GivenValidation validation_options(const py::dict& keywords);
 
-/// A dict of names and {'joint': name, 'axis': 'own', 'x' or 'y', 'function': (N, n) -> (N,) or (N, K)}.
+/// A dict of names and {'joint': name, 'axis': 'own', 'x', 'y' or 'along', 'function': (N, n) -> (N,) or (N, K)}.
 std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& where);
 
 /// A dict of names and positions (3,), or poses (4, 4) of targets with orientation.

@@ -86,6 +86,12 @@ std::string in_words(const CalibrationResult& calibration, const EffectMotion& m
       return joint.name + " deflects by up to " + most + " under its measured torque";
     case EffectGroup::coupling:
       return joint.name + " moves by up to " + most + " with the joints before it";
+    case EffectGroup::expansion:
+      return "the link before " + joint.name + " grew and shrank by up to " + most + " with the temperature";
+    case EffectGroup::drift:
+      return joint.name + " drifted by up to " + most + " with the temperature";
+    case EffectGroup::payload:
+      return joint.name + " deflects by up to " + most + " under the payload";
     case EffectGroup::own: {
       const EffectTerm& term = calibration.model.effects[static_cast<std::size_t>(motion.terms.front())];
       return joint.name + " moves by up to " + most + " by " + std::get<OwnFunction>(term.function).effect;

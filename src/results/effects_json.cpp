@@ -76,6 +76,12 @@ Json function_json(const JointCoupling& coupling) {
   return json;
 }
 
+Json function_json(const Temperature& temperature) {
+  return {{"of", temperature.of_link ? "temperature and length" : "temperature"}};
+}
+
+Json function_json(const PayloadTorque& payload) { return {{"centre", array(to_eigen(payload.centre))}}; }
+
 Json function_json(const OwnFunction& own) { return {{"effect", own.effect}, {"column", own.column}}; }
 
 Json term_json(const EffectTerm& term, double coefficient) {
@@ -190,6 +196,13 @@ EffectFunction read_function(const Node& node, EffectGroup group, const ErrorMod
     }
     case EffectGroup::coupling:
       return read_coupling(node, joints);
+    case EffectGroup::expansion:
+    case EffectGroup::drift:
+      return Temperature{.of_link = group == EffectGroup::expansion};
+    case EffectGroup::payload: {
+      const Eigen::Vector3d centre = tree::numbers<3>(member(node, "centre"));
+      return PayloadTorque{{centre.x(), centre.y(), centre.z()}};
+    }
     case EffectGroup::own:
       return read_own(node, own);
     case EffectGroup::gain:
@@ -214,16 +227,37 @@ EffectTerm read_term(const Node& node, const ErrorModel& model, std::span<const 
   const Node group = member(node, "group");
   const auto known = static_cast<EffectGroup>(place_among(names, group, "one of " + comma_separated(names)));
   if (has(node, "about")) {  // else the result has effects about the joints' own axes alone
-    term.axis = static_cast<EffectAxis>(place_among({"own", "x", "y"}, member(node, "about"), "own, x or y"));
+    term.axis =
+        static_cast<EffectAxis>(place_among({"own", "x", "y", "along"}, member(node, "about"), "own, x, y or along"));
   }
-  if (known != EffectGroup::own && (known == EffectGroup::transverse) == (term.axis == EffectAxis::own)) {
-    tree::fail(group, "about x or y where it is transverse, else about its own axis");
+  const bool is_across = term.axis == EffectAxis::across_x || term.axis == EffectAxis::across_y;
+  if (known != EffectGroup::own && ((known == EffectGroup::transverse) != is_across ||
+                                    (known == EffectGroup::expansion) != (term.axis == EffectAxis::along))) {
+    tree::fail(group, "about x or y where it is transverse, along where it is expansion, else about its own axis");
   }
   term.mean = number(member(node, "mean"));
   term.scale = positive(member(node, "scale"));
   term.sigma = positive(member(node, "sigma"));
   term.function = read_function(member(node, "function"), known, model, own);
   return term;
+}
+
+// The mean temperature and payload, if any was measured.
+void add_circumstances(const ErrorModel& model, Json& effects) {
+  const auto& [temperature, payload] = model.circumstances;
+  if (!std::isnan(temperature) || !std::isnan(payload)) {
+    effects["circumstances"] = {{"temperature", finite_or_null(temperature)}, {"payload", finite_or_null(payload)}};
+  }
+}
+
+Circumstances read_circumstances(const Node& block) {
+  Circumstances read;
+  for (const auto& [name, value] : {std::pair{"temperature", &read.temperature}, {"payload", &read.payload}}) {
+    if (const Node node = member(block, name); !node.json.is_null()) {
+      *value = number(node);
+    }
+  }
+  return read;
 }
 
 }  // namespace
@@ -242,9 +276,11 @@ Json effects_json(const CalibrationResult& calibration, const Measurements& meas
     terms.back()["degrees_of_freedom"] = finite_or_null(parameter.degrees_of_freedom);
     terms.back()["valid_range"] = range_json(ranges[static_cast<std::size_t>(term->index)]);
   }
-  return {{"gravity_direction", array(to_eigen(calibration.model.gravity))},
-          {"terms", terms},
-          {"findings", effect_findings(calibration, effect_motions(calibration, measurements))}};
+  Json json = {{"gravity_direction", array(to_eigen(calibration.model.gravity))},
+               {"terms", terms},
+               {"findings", effect_findings(calibration, effect_motions(calibration, measurements))}};
+  add_circumstances(calibration.model, json);
+  return json;
 }
 
 std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coefficients) {
@@ -254,7 +290,9 @@ std::string effects_json(const ErrorModel& model, const Eigen::VectorXd& coeffic
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     terms.push_back(term_json(model.effects[e], coefficients[static_cast<Eigen::Index>(e)]));
   }
-  return Json({{"gravity_direction", array(to_eigen(model.gravity))}, {"terms", terms}}).dump();
+  Json json = {{"gravity_direction", array(to_eigen(model.gravity))}, {"terms", terms}};
+  add_circumstances(model, json);
+  return json.dump();
 }
 
 SavedEffects read_effects(const Node& block, const ErrorModel& model, std::span<const OwnEffect> own) {
@@ -266,6 +304,9 @@ SavedEffects read_effects(const Node& block, const ErrorModel& model, std::span<
     tree::fail(direction, "a direction of norm 1");
   }
   saved.gravity = {gravity.x(), gravity.y(), gravity.z()};
+  if (has(block, "circumstances")) {
+    saved.circumstances = read_circumstances(member(block, "circumstances"));
+  }
   const Node terms = member(block, "terms");
   if (!terms.json.is_array()) {
     tree::fail(terms, "an array");

@@ -19,6 +19,7 @@ struct SavedEffects {
   Eigen::VectorXd values;
   std::vector<double> degrees_of_freedom;  ///< infinite where the file states none
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);
+  Circumstances circumstances;
 };
 /// `own`: the functions of effects that are not kdlcal's. Throws InputError if a term does not fit this robot, or is of
 /// another function.

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -394,8 +395,9 @@ Json effects_block(const CalibrationParts& saved, const Measurements& measuremen
   for (const auto& [key, members] : terms_by_motion(saved.model)) {
     const auto& [group, joint, axis] = key;
     auto [lower, upper] = ranges[static_cast<std::size_t>(joint)];
-    // Not functions of the joint's own value.
-    if (!(lower <= upper) || group == EffectGroup::torque || group == EffectGroup::coupling) {
+    constexpr std::array kOfOthers = {EffectGroup::torque, EffectGroup::coupling, EffectGroup::expansion,
+                                      EffectGroup::drift, EffectGroup::payload};  // no functions of the joint's value
+    if (!(lower <= upper) || std::find(kOfOthers.begin(), kOfOthers.end(), group) != kOfOthers.end()) {
       continue;
     }
     const std::vector<double> fitted = fitted_values(measurements, joint);

@@ -284,7 +284,9 @@ void add_effects(const CalibrationResult& calibration, const Measurements& measu
     const MovingJoint& joint = calibration.model.joints[static_cast<std::size_t>(motion.by.joint)];
     const DisplayUnit& unit = motion.is_length(calibration.model) ? kMillimetres : kDegrees;
     const EffectAxis axis = motion.by.axis;
-    const std::string about = axis == EffectAxis::own ? "" : std::string(", ") + to_string(axis) + " across its axis";
+    const std::string about = axis == EffectAxis::own || axis == EffectAxis::along
+                                  ? ""
+                                  : std::string(", ") + to_string(axis) + " across its axis";
     text += "  " + padded(to_string(motion.by.group), 12) + padded(joint.name + about, 34) + unit.of(motion.largest()) +
             "\n";
   }

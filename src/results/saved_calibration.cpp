@@ -110,6 +110,12 @@ std::vector<double> read_parameters(const Node& top, std::span<const OwnEffect> 
   }
   SavedEffects effects = read_effects(member(top, "effects"), saved.model, own);
   saved.model.gravity = effects.gravity;
+  saved.model.circumstances = effects.circumstances;
+  for (const EffectTerm& term : effects.terms) {
+    if (const auto* const payload = std::get_if<PayloadTorque>(&term.function)) {
+      saved.model.payload_centre = payload->centre;
+    }
+  }
   saved.model.effects = std::move(effects.terms);
   saved.estimate.effects = std::move(effects.values);
   return std::move(effects.degrees_of_freedom);

@@ -13,26 +13,32 @@ const std::map<EffectGroup, Index>& least_configurations() {
   static const std::map<EffectGroup, Index> least = {
       {EffectGroup::gravity, 12},  {EffectGroup::transverse, 60}, {EffectGroup::gain, 20},
       {EffectGroup::backlash, 20}, {EffectGroup::harmonics, 20},  {EffectGroup::tables, kLeastForTables},
-      {EffectGroup::coupling, 20}};
+      {EffectGroup::coupling, 20}, {EffectGroup::expansion, 20},  {EffectGroup::drift, 20},
+      {EffectGroup::payload, 20}};
   return least;
+}
+
+bool is_possible(EffectGroup group, const DriveSignals& signals) {
+  const std::optional<Circumstance> needed = needed_circumstance(group);
+  return !needed || is_stated(signals, *needed);
 }
 
 }  // namespace
 
-std::vector<EffectGroup> groups_allowed(Index configurations) {
+std::vector<EffectGroup> groups_allowed(Index configurations, const DriveSignals& signals) {
   std::vector<EffectGroup> result;
   for (const auto& [group, needed] : least_configurations()) {
-    if (configurations >= needed) {
+    if (configurations >= needed && is_possible(group, signals)) {
       result.push_back(group);
     }
   }
   return result;
 }
 
-std::vector<NotTried> groups_not_allowed(Index configurations) {
+std::vector<NotTried> groups_not_allowed(Index configurations, const DriveSignals& signals) {
   std::map<Index, std::string> groups;
   const auto add = [&](EffectGroup group, Index needed) {
-    if (configurations < needed) {
+    if (configurations < needed && is_possible(group, signals)) {
       std::string& names = groups[needed];
       names += (names.empty() ? "" : ", ") + std::string(to_string(group));
     }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
+#include "measurements/drive_signals.hpp"
 #include "selection/model_selection.hpp"
 
 namespace kdl_calibration {
@@ -21,9 +22,10 @@ struct EffectOption {
 constexpr Eigen::Index kLeastForRipple = 100;
 constexpr Eigen::Index kLeastForTables = 50;
 
-/// The groups besides ripple that `configurations` suffice for, in the order of EffectGroup.
-std::vector<EffectGroup> groups_allowed(Eigen::Index configurations);
+/// The groups besides ripple that `configurations` suffice for, in the order of EffectGroup. Those of circumstances
+/// only where the signals state them.
+std::vector<EffectGroup> groups_allowed(Eigen::Index configurations, const DriveSignals& signals);
 /// The groups that they do not suffice for, by the number that they need.
-std::vector<NotTried> groups_not_allowed(Eigen::Index configurations);
+std::vector<NotTried> groups_not_allowed(Eigen::Index configurations, const DriveSignals& signals);
 
 }  // namespace kdl_calibration

@@ -272,7 +272,7 @@ private:
   }
 
   std::vector<NotTried> groups_not_tried(const Route& route) const {
-    std::vector<NotTried> result = groups_not_allowed(configurations());
+    std::vector<NotTried> result = groups_not_allowed(configurations(), means_.signals);
     for (const EffectOption& option : route.left) {
       if (const Index needed = configurations_for(route.model, option); needed > configurations()) {
         const std::vector<std::string>& names = route.model.names;
@@ -287,8 +287,10 @@ private:
   // Tables can imitate nearly every other effect. If they were added before other helpful groups, a second route adds
   // those first and tables last.
   void add_what_helps(Route& route, TriedModels& tried) const {
-    for (const EffectGroup group : groups_allowed(configurations())) {
-      route.left.push_back(option_of(group));
+    for (const EffectGroup group : groups_allowed(configurations(), means_.signals)) {
+      if (EffectOption option = option_of(group); !option.terms.empty()) {
+        route.left.push_back(std::move(option));
+      }
     }
     for (const OwnEffect& own : task_.options.effects.own) {
       route.left.push_back(option_of(own));

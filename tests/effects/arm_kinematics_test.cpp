@@ -37,6 +37,13 @@ struct Bent {
       const std::vector<EffectTerm> terms = effect_terms(model, *effect_group(name), q);
       model.effects.insert(model.effects.end(), terms.begin(), terms.end());
     }
+    const std::string& joint = model.joints[2].name;
+    const OwnEffect growth{
+        .name = "growth", .joint = joint, .axis = EffectAxis::along, .columns = [](const Eigen::MatrixXd& at) {
+          return Eigen::MatrixXd(at.row(1).transpose());
+        }};
+    const std::vector<EffectTerm> terms = own_terms(model, growth, q);
+    model.effects.insert(model.effects.end(), terms.begin(), terms.end());
     effects.resize(static_cast<Eigen::Index>(model.effects.size()));
     for (double& value : effects) {
       value = 2e-4 * random.normal();
@@ -55,11 +62,13 @@ TEST_P(OfArms, PoseIsThatOfTheKdlSolverAtTheJointValuesWithTheirEffects) {
   const KDL::Chain chain = folded_chain(bent.model, bent.errors);
   const Eigen::MatrixXd moved = effective_joint_values(bent.model, bent.effects, bent.q);
   const Eigen::Index joints = bent.q.rows();
-  ASSERT_EQ(moved.rows(), 3 * joints);
+  ASSERT_EQ(moved.rows(), 4 * joints);
   EXPECT_GT((moved.topRows(joints) - bent.q).cwiseAbs().maxCoeff(), 1e-4);
-  EXPECT_GT(moved.bottomRows(2 * joints).cwiseAbs().maxCoeff(), 1e-4);
+  EXPECT_GT(moved.middleRows(joints, 2 * joints).cwiseAbs().maxCoeff(), 1e-4);
+  EXPECT_GT(moved.row(3 * joints + 2).cwiseAbs().maxCoeff(), 1e-6);
   for (Eigen::Index c = 0; c < bent.q.cols(); ++c) {
-    const KDL::Chain tilted = tilted_chain(chain, moved.col(c).tail(2 * joints));
+    const KDL::Chain stretched = stretched_chain(bent.model, chain, moved.col(c).tail(joints));
+    const KDL::Chain tilted = tilted_chain(stretched, moved.col(c).segment(joints, 2 * joints));
     EXPECT_LT(testing::difference(kdl_pose(tilted, moved.col(c).head(joints)), to_kdl(arm.flange_pose(bent.q.col(c)))),
               1e-12);
   }

@@ -442,6 +442,84 @@ TEST(JointEffects, TiltsTurnTheChainInFrontOfItsJoints) {
   }
 }
 
+// The joint frame at the link's far end moves along the link: by hand, and on the KDL solver's chain.
+TEST(JointEffects, LinksGrowAlongThemselvesWithTheTemperature) {
+  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  Random random(13);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  DriveSignals signals;
+  signals.circumstances = Eigen::MatrixXd::Constant(2, 60, 10.0);
+  for (double& temperature : signals.circumstances.row(0)) {
+    temperature = random.uniform(15.0, 35.0);
+  }
+  model.effects = effect_terms(model, EffectGroup::expansion, q, signals);
+  const auto count = static_cast<Eigen::Index>(model.effects.size());
+  ASSERT_EQ(count, 5);
+  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.001, 0.001);
+  const double spread = model.effects[0].scale;                        // [degC], the same for links of any length
+  const Eigen::VectorXd growth{{11.5e-6, 24e-6, 12e-6, -5e-6, 1e-3}};  // [1/K] of each link
+  const Eigen::MatrixXd moved = effective_joint_values(model, growth * spread, q, signals);
+  ASSERT_EQ(moved.rows(), 20);
+  const double mean = signals.circumstances.row(0).mean();
+  const FoldedChain chain = folded(model, errors);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    KDL::Frame expected = KDL::Frame::Identity();
+    for (int i = 0; i < 5; ++i) {
+      const MovingJoint& joint = model.joints[static_cast<std::size_t>(i)];
+      const KDL::Frame motion = joint.type == JointType::prismatic
+                                    ? KDL::Frame(joint.axis * q(i, c))
+                                    : KDL::Frame(KDL::Rotation::Rot2(joint.axis, q(i, c)));
+      const KDL::Frame grown(joint.origin.p * growth[i] * (signals.circumstances(0, c) - mean));
+      expected = expected * grown * joint.origin * frame_correction(model, errors, i) * motion;
+    }
+    expected = expected * model.tip_origin * frame_correction(model, errors, 5);
+    EXPECT_LT(testing::difference(to_kdl(flange_pose(chain, moved.col(c))), expected), 1e-12);
+    const KDL::Chain stretched = stretched_chain(model, folded_chain(model, errors), moved.col(c).tail(5));
+    EXPECT_LT(testing::difference(testing::kdl_pose(stretched, q.col(c)), expected), 1e-12);
+  }
+  // Of an arm at a stated temperature, without signals.
+  model.circumstances.temperature = mean + 8.0;
+  Eigen::VectorXd motion(20);
+  effect_motion(model, growth * spread, q.col(0), motion);
+  EXPECT_NEAR(motion[16], growth[1] * 8.0 * model.joints[1].origin.p.Norm(), 1e-15);
+  model.circumstances.temperature = Circumstances::kUnknown;
+  effect_motion(model, growth * spread, q.col(0), motion);
+  EXPECT_TRUE(motion.isZero(0.0)) << "unknown is as the mean";
+}
+
+// By KDL's solver, which gives the torques that hold a mass on the flange.
+TEST(JointEffects, PayloadsTurnTheJointsByTheirTorque) {
+  const Robot robot = fanuc();
+  ErrorModel model = complete_model(robot);
+  model.payload_centre = KDL::Vector(0.1, -0.05, 0.2);
+  Random random(14);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  DriveSignals signals;
+  signals.circumstances = Eigen::MatrixXd::Constant(2, 60, Circumstances::kUnknown);
+  for (Eigen::Index c = 0; c < 60; ++c) {
+    signals.circumstances(1, c) = 50.0 * static_cast<double>(c % 3);
+  }
+  EXPECT_TRUE(effect_terms(model, EffectGroup::drift, q, signals).empty()) << "no temperature is stated";
+  model.effects = effect_terms(model, EffectGroup::payload, q, signals);
+  ASSERT_GE(model.effects.size(), 4U);
+  KDL::Chain loaded;
+  for (const KDL::Segment& segment : robot.chain.segments) {
+    loaded.addSegment(KDL::Segment(segment.getName(), segment.getJoint(), segment.getFrameToTip()));
+  }
+  Robot carrier = robot;
+  const Eigen::MatrixXd basis = effect_basis(model, q, signals);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    carrier.chain = loaded;
+    carrier.chain.addSegment(KDL::Segment("payload", KDL::Joint(KDL::Joint::Fixed), KDL::Frame::Identity(),
+                                          KDL::RigidBodyInertia(signals.circumstances(1, c), model.payload_centre)));
+    const Eigen::VectorXd torques = kdl_torques(carrier, model.gravity, q.col(c));
+    for (std::size_t e = 0; e < model.effects.size(); ++e) {
+      const EffectTerm& term = model.effects[e];
+      EXPECT_NEAR(value_of(term, basis(static_cast<Eigen::Index>(e), c)), torques[term.index], 1e-9) << term.name;
+    }
+  }
+}
+
 // Joint values with what the drives told there; some directions are not known.
 DrivenConfigurations driven_stops(const ErrorModel& model, Random& random) {
   DrivenConfigurations driven;

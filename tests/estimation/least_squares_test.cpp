@@ -54,6 +54,14 @@ protected:
         const std::vector<EffectTerm> terms = effect_terms(model, group, q);
         model.effects.insert(model.effects.end(), terms.begin(), terms.end());
       }
+      for (const char* joint : {"joint_2", "joint_4"}) {  // links that grow with the third joint's value
+        const OwnEffect growth{
+            .name = joint, .joint = joint, .axis = EffectAxis::along, .columns = [](const MatrixXd& at) {
+              return MatrixXd(at.row(2).transpose());
+            }};
+        const std::vector<EffectTerm> terms = own_terms(model, growth, q);
+        model.effects.insert(model.effects.end(), terms.begin(), terms.end());
+      }
       for (EffectTerm& term : model.effects) {
         term.sigma = 0.01;
       }
@@ -342,9 +350,15 @@ TEST(Allocation, CorrelatedNoiseTakesNonePerConfiguration) {
 long allocations_of_poses(ErrorModel model, const std::vector<std::string>& groups) {
   Random random(2);
   const Eigen::MatrixXd q = random_configurations(published_ranges(model.joints), 40, random);
+  DriveSignals signals;
+  signals.circumstances.resize(kCircumstances, q.cols());
+  for (double& value : signals.circumstances.reshaped()) {
+    value = random.uniform(0.0, 50.0);
+  }
+  model.circumstances = {.temperature = 30.0, .payload = 40.0};
   std::vector<EffectTerm> all;
   for (const std::string& name : groups) {
-    const std::vector<EffectTerm> terms = effect_terms(model, *effect_group(name), q);
+    const std::vector<EffectTerm> terms = effect_terms(model, *effect_group(name), q, signals);
     EXPECT_FALSE(terms.empty() && name != "torque") << name;
     all.insert(all.end(), terms.begin(), terms.end());
   }

@@ -74,6 +74,34 @@ TEST(DriveSignals, TorquesAreMeansOverTheRowsOfAConfigurationWhereverTheyStand) 
   EXPECT_THAT(measurements_csv(read), ::testing::Not(HasSubstr("tau_a")));
 }
 
+TEST(DriveSignals, CircumstancesAreMeansOverTheRowsOfAConfiguration) {
+  const Measurements read = parse_measurements(
+      "configuration,target,a,b,x,y,z,payload[kg],Temperature (°C)\n"
+      "1,A,0,0,1,2,3,80,20\n1,B,0,0,1,2,4,80,21\n2,A,1,0,1,2,3,,24.5\n3,A,1,1,1,2,3,0,\n",
+      kJoints);
+  MatrixXd expected(2, 3);
+  expected << 20.5, 24.5, kUnknown, 80.0, kUnknown, 0.0;
+  EXPECT_TRUE(same_bits(read.signals.circumstances, expected));
+  EXPECT_TRUE(same_bits(parse_measurements(measurements_csv(read), kJoints).signals.circumstances, expected));
+  EXPECT_TRUE(
+      same_bits(columns(read.signals, {2, 0}).circumstances, (MatrixXd(2, 2) << kUnknown, 20.5, 0.0, 80.0).finished()));
+  EXPECT_TRUE(same_bits(column(read.signals, 1).circumstances, Eigen::Vector2d(24.5, kUnknown)));
+  EXPECT_TRUE(same_bits(side_by_side(read.signals, read.signals).circumstances, expected.replicate(1, 2)));
+  const CircumstanceRange range = range_of(read.signals, Circumstance::payload, {true, true, true});
+  EXPECT_EQ(range.mean, 40.0);
+  EXPECT_EQ(range.lower, 0.0);
+  EXPECT_EQ(range.upper, 80.0);
+  EXPECT_EQ(range_of(read.signals, Circumstance::temperature, {false, true, true}).mean, 24.5);
+  EXPECT_TRUE(std::isnan(range_of({}, Circumstance::temperature, {}).mean));
+  EXPECT_TRUE(is_stated(read.signals, Circumstance::temperature));
+  EXPECT_FALSE(is_stated({}, Circumstance::temperature));
+  const Measurements cold =
+      parse_measurements("configuration,target,a,b,x,y,z,temperature\n1,A,0,0,1,2,3,-5\n", kJoints);
+  EXPECT_FALSE(is_stated(cold.signals, Circumstance::payload));
+  EXPECT_THAT(measurements_csv(cold), ::testing::AllOf(HasSubstr(",temperature[degC]\n"), HasSubstr(",-5\n")));
+  EXPECT_REFUSED("unit", parse_measurements("configuration,target,a,b,x,y,z,temperature[K]\n", kJoints));
+}
+
 TEST(DriveSignals, BehindAConventionTorquesDoTheSameWork) {
   JointConvention convention{.name = "coupled", .controller_joints = {"J1", "J2"}, .urdf_joints = kJoints};
   convention.matrix.resize(2, 2);
@@ -136,6 +164,11 @@ TEST(DriveSignals, OfAnotherSizeAreRefused) {
   read.signals.torques.resize(0, 0);
   read.signals.approach = MatrixXd::Constant(2, 1, std::numeric_limits<double>::infinity());
   EXPECT_REFUSED("directions of approach that are infinite", averaged(read));
+  read.signals.approach.resize(0, 0);
+  read.signals.circumstances = MatrixXd::Zero(1, 1);
+  EXPECT_REFUSED("1 x 1 circumstances, expected 2 x 1", averaged(read));
+  read.signals.circumstances = Eigen::Vector2d(20.0, -1.0);
+  EXPECT_REFUSED("of a negative payload", averaged(read));
 }
 
 }  // namespace

@@ -190,3 +190,19 @@ def test_data_frames(robot, measurements, found):
     assert len(pandas.DataFrame({name: found.parameters[name] for name in ("name", "error", "std")})) == len(
         found.parameters
     )
+
+
+def test_order_gives_the_directions_of_approach(robot):
+    m, _ = kc.simulate(robot, configurations=40, noise=2e-5, seed=3)
+    q, rows = m.joint_values, m.observations
+    commanded = q.copy()  # joint 2 stays behind by 0.5 mrad
+    commanded[1:, 1] += 5e-4 * np.sign(np.diff(q[:, 1]))
+    place = {name: i for i, name in enumerate(m.configurations)}
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    stated = {"targets": rows["target"], "configurations": rows["configuration"]}
+    effects = {"effects": {"groups": ["backlash"]}, "priors": {"automatic": False},
+               "diagnosis": {"try_readings": False}}  # fmt: skip
+    for order in (of_row, None):
+        found = kc.calibrate(robot, kc.from_arrays(commanded[of_row], rows["position"], order=order, **stated), **effects)
+        names = [term["name"] for term in found.result["effects"]["terms"]]
+        assert ("backlash.2.approach" in names) == (order is not None)

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <map>
+#include <optional>
 #include <set>
 
 #include "base/random.hpp"
@@ -152,6 +153,37 @@ TEST(EffectSelection, ChoosesTheCallersOwnEffectThatIsThere) {
     EXPECT_LT(arm.error_at_unseen(found), 0.5 * arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry)));
   }
 }
+
+/// An arm that warms up by 12 K and carries 0, 5 or 10 kg, with such an effect or none.
+Arm in_circumstances(unsigned seed, std::optional<EffectGroup> group, double size) {
+  Arm arm(fanuc(), seed, 60, {});
+  const DrivenConfigurations driven =
+      simulated_signals(arm.model, arm.measured.joint_values, {}, {.circumstances = true, .seed = seed});
+  Random random(6);
+  if (group) {
+    add(arm.robot, effect_terms(arm.model, *group, driven.joint_values, driven.signals), size, random);
+  }
+  arm.measured = testing::without_sigmas(measure(arm.robot, driven, {.sigma = 5e-5}, random));
+  return arm;
+}
+
+void expect_circumstances_found(unsigned seeds) {
+  for (unsigned seed = 0; seed < seeds; ++seed) {
+    for (const EffectGroup group : {EffectGroup::expansion, EffectGroup::drift, EffectGroup::payload}) {
+      const Arm arm = in_circumstances(80 + seed, group, 2e-4);
+      const CalibrationResult found = calibrate(arm.model, arm.measured, automatic_of_few_terms());
+      const std::vector<std::string>& names = found.selection.tried.front().effects;
+      EXPECT_THAT(names, Contains(to_string(group))) << seed;
+      const double without = arm.error_at_unseen(calibrate(arm.model, arm.measured, kGeometry));
+      EXPECT_LT(arm.error_at_unseen(found), 0.7 * without) << to_string(group) << " " << seed;
+    }
+    const Arm rigid = in_circumstances(90 + seed, std::nullopt, 0.0);
+    EXPECT_THAT(calibrate(rigid.model, rigid.measured, automatic_of_few_terms()).model.effects, IsEmpty()) << seed;
+  }
+}
+
+TEST(EffectSelection, FindsWhatTemperatureAndPayloadDo) { expect_circumstances_found(1); }
+TEST(EffectSelectionLongRun, FindsWhatTemperatureAndPayloadDo) { expect_circumstances_found(8); }
 
 // Where nothing is chosen, they are part of the model whether they help or not, beside the groups asked for.
 TEST(EffectSelection, FitsTheCallersOwnEffectsThatAreAskedFor) {

@@ -93,6 +93,21 @@ def _integers(values, name, count):
     return array.astype(np.int64)
 
 
+def _of_configurations(values, name, configuration, count):
+    """The mean of each configuration over its rows that are not NaN; NaN where there are none."""
+    if values is None:
+        return np.full(count, np.nan)
+    values = _numbers(values, name)
+    if values.ndim == 0:
+        values = np.full(len(configuration), values)
+    if values.shape != configuration.shape:
+        raise InputError(f"{name}: an array of shape {values.shape}, expected {configuration.shape}")
+    known = ~np.isnan(values)
+    sums = np.bincount(configuration[known], values[known], minlength=count)
+    numbers = np.bincount(configuration[known], minlength=count)
+    return np.divide(sums, numbers, out=np.full(count, np.nan), where=numbers > 0)
+
+
 def _is_test(split, count):
     if split is None:
         return np.zeros(count, dtype=np.int64)
@@ -143,6 +158,8 @@ def from_arrays(
     split=None,
     repeats=None,
     order=None,
+    temperature=None,
+    payload=None,
     joint_names=None,
 ):
     """Measurements from arrays, a row for each measured point.
@@ -156,14 +173,16 @@ def from_arrays(
     stations: names of the places of the measuring device. sigma: 1 sigma of each coordinate [m], one for all or for
     each row. orientations: (M, 4) unit quaternions w, x, y, z of the targets' frames. split: "train" or "test".
     repeats: rows of a configuration with the same number were measured together; without them they are counted.
-    order: integers, the order of driving. joint_names: the robot's, unless stated.
+    order: integers, the order of driving. temperature [degC], payload [kg]: one for all or for each row, NaN where not
+    known; a configuration has their mean. joint_names: the robot's, unless stated.
 
     Raises InputError for other shapes and values that are not finite, TypeError for arrays of other types.
     """
     joints = _numbers(joints, "joints")
     points = _numbers(points, "points")
     by_row = {"targets": targets, "configurations": configurations, "stations": stations, "sigma": sigma,
-              "orientations": orientations, "split": split, "repeats": repeats, "order": order}  # fmt: skip
+              "orientations": orientations, "split": split, "repeats": repeats, "order": order,
+              "temperature": temperature, "payload": payload}  # fmt: skip
     if points.ndim == 3:
         if points.shape[2] != 3:
             raise InputError(f"points: an array of shape {points.shape}, expected (N, T, 3) or (M, 3)")
@@ -179,7 +198,7 @@ def from_arrays(
 
 
 def _from_rows(joints, points, joint_names, *, targets, configurations, stations, sigma, orientations, split, repeats,
-               order):  # fmt: skip
+               order, temperature, payload):  # fmt: skip
     count, width = joints.shape
     names, configuration, first = _configurations(joints, configurations)
     target_names, target = _numbered(_labels(targets, "targets", count, "A"))
@@ -201,6 +220,8 @@ def _from_rows(joints, points, joint_names, *, targets, configurations, stations
         raise InputError(f"joint_names: {len(joint_names)} names, expected {width}, one for each column of joints")
     driven = _integers(order, "order", count)
     nothing = np.empty(0)
+    around = [_of_configurations(values, name, configuration, len(names))
+              for name, values in (("temperature", temperature), ("payload", payload))]  # fmt: skip
     rows = {
         "points": points,
         "orientations": nothing if orientations is None else orientations,
@@ -211,6 +232,7 @@ def _from_rows(joints, points, joint_names, *, targets, configurations, stations
         "station": station,
         "repeat": repeat,
         "is_test": _is_test(split, count),
+        "circumstances": nothing if temperature is None and payload is None else np.column_stack(around),
     }
     stated = {"joints": joint_names, "configurations": names, "targets": target_names, "stations": station_names}
     return _native._from_rows(joints[first], width, rows, stated)
@@ -221,14 +243,15 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
 
     joints, points: names of its columns, [rad or m] and [m]. Keywords as in from_arrays name a column
     (targets="target") or are arrays; orientations names four. Without them the columns target, configuration,
-    station, sigma, split and repeat are used if there are any. Needs no pandas beside that of the frame.
+    station, sigma, split, repeat, temperature and payload are used if there are any. Needs no pandas beside that of the frame.
     """
     joints = list(joints)
     missing = [name for name in [*joints, *points] if name not in frame.columns]
     if missing:
         raise InputError(f"column '{missing[0]}' is not in the data frame, expected one of {list(frame.columns)}")
     usual = {"targets": "target", "configurations": "configuration", "stations": "station", "sigma": "sigma",
-             "split": "split", "repeats": "repeat"}  # fmt: skip
+             "split": "split", "repeats": "repeat", "temperature": "temperature",
+             "payload": "payload"}  # fmt: skip
     for keyword, column in usual.items():
         if column in frame.columns:
             columns.setdefault(keyword, column)

@@ -1,0 +1,65 @@
+"""Temperature and payload of the configurations."""
+
+import numpy as np
+import pytest
+
+import kdl_calibration as kc
+
+PLAIN = {"priors": {"automatic": False}, "diagnosis": {"try_readings": False}}
+GROWTH = 2e-5  # [1/K] of the whole arm and tool, so that every point moves away from the base by its share
+
+
+@pytest.fixture(scope="module")
+def warm(robot):
+    """Measurements of an arm that warms up by 15 K, and all of it grows."""
+    m, truth = kc.simulate(robot, configurations=60, noise=2e-5, length_error=1e-3, angle_error=1e-3, seed=5)
+    place = {name: i for i, name in enumerate(m.configurations)}
+    rows = m.observations
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    temperature = 20.0 + 15.0 * np.random.default_rng(1).permutation(60)[of_row] / 59.0
+    base = truth.base()[:3, 3]  # origin of the base in the measuring frame
+    points = base + (rows["position"] - base) * (1.0 + GROWTH * (temperature - 27.5))[:, None]
+    return m.joint_values[of_row], points, rows, temperature
+
+
+def measured(warm, **more):
+    joints, points, rows, _ = warm
+    return kc.Measurements.from_arrays(joints, points, targets=rows["target"], configurations=rows["configuration"], **more)
+
+
+def test_growth_is_found_and_predicted(robot, warm):
+    with_it = kc.calibrate(robot, measured(warm, temperature=warm[3]), **PLAIN)
+    without = kc.calibrate(robot, measured(warm), effects={"automatic": False}, **PLAIN)
+    assert with_it.accuracy.held_out.after.rms < 0.5 * without.accuracy.held_out.after.rms
+    q = np.array([0.3, -0.2, 0.4, 0.0, 0.6, 0.0])
+    mean = with_it.predict(q, "A")
+    moved = with_it.at(temperature=35.0).predict(q, "A")
+    expected = GROWTH * (35.0 - warm[3].mean()) * mean.position
+    assert np.linalg.norm(moved.position - mean.position - expected) < 0.25 * np.linalg.norm(expected)
+    far = with_it.at(temperature=80.0).predict(q, "A")
+    assert far.outside and far.covariance.trace() > 4.0 * mean.covariance.trace()
+    commands = kc.Compensator(with_it.at(temperature=35.0)).solve(q)
+    reached = with_it.at(temperature=35.0).flange_poses(commands.joint_values)
+    nominal = kc.Compensator(with_it).solve(q)
+    assert np.linalg.norm(with_it.at(temperature=35.0).flange_poses(nominal.joint_values)[:3, 3] - reached[:3, 3]) > 1e-4
+
+
+def test_what_nothing_depends_on_is_refused(robot, warm):
+    found = kc.calibrate(robot, measured(warm), effects={"automatic": False}, **PLAIN)
+    with pytest.raises(kc.InputError, match="a temperature at which nothing would change"):
+        found.at(temperature=30.0)
+    with pytest.raises(kc.InputError, match="a payload at which nothing would change"):
+        found.at(payload=30.0)
+    with pytest.raises(kc.InputError, match="drift needs the column temperature"):
+        kc.calibrate(robot, measured(warm), effects={"groups": ["drift"]}, **PLAIN)
+
+
+def test_rows_of_a_configuration_have_their_mean(robot):
+    q = np.array([[0.1] * 6, [0.1] * 6, [0.2] * 6])
+    points = np.arange(9.0).reshape(3, 3)
+    m = kc.from_arrays(q, points, targets=["A", "B", "A"], temperature=[20.0, 21.0, np.nan], payload=5.0,
+                       joint_names=robot.joints)  # fmt: skip
+    assert "temperature[degC],payload[kg]" in m.csv().splitlines()[0]
+    assert m.csv().splitlines()[1].endswith(",20.5,5") and m.csv().splitlines()[3].endswith(",,5")
+    with pytest.raises(kc.InputError, match=r"temperature: an array of shape \(2,\), expected \(3,\)"):
+        kc.from_arrays(q, points, targets=["A", "B", "A"], temperature=[1.0, 2.0])
