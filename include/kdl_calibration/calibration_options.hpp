@@ -45,9 +45,10 @@ struct EstimatorOptions {
 
 struct ParameterOptions {
   ModelChoice model = ModelChoice::irreducible;
-  std::vector<std::string> fix = {};   ///< names or patterns with * and ? that are not estimated
-  std::vector<std::string> free = {};  ///< names or patterns that are estimated in addition
-  KnownFrames known = {};              ///< of stations and targets; all others are estimated
+  std::vector<std::string> fix = {};    ///< names or patterns with * and ? that are not estimated
+  std::vector<std::string> free = {};   ///< names or patterns that are estimated in addition
+  KnownFrames known = {};               ///< of stations and targets; all others are estimated
+  KeptAxes keep_axes = KeptAxes::none;  ///< exactly as nominal; the result states what that costs
 };
 
 // Priors and effects that are not stated are chosen by cross-validation. Plain fits (the two-step estimator, the

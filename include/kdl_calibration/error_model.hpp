@@ -188,6 +188,17 @@ struct Circumstances {
   double payload = kUnknown;      ///< [kg] on the flange
 };
 
+/// What the errors leave exactly as it is in the nominal robot, so that closed forms of the inverse kinematics hold.
+enum class KeptAxes : std::uint8_t {
+  none,
+  /// Neighbouring axes that are parallel stay parallel. Three neighbours that meet in a point keep one, and so do two
+  /// that meet behind three parallel ones, as in the arms of Universal Robots.
+  closed_form,
+  /// The angle between any two neighbours stays, and those that meet keep meeting: the arm keeps the angles and the
+  /// zeros of its DH table.
+  angles
+};
+
 /// The complete model: every joint its offset, every link the translations and rotations along the axes of the next
 /// joint's frame, less those along the link's own joint axis where the two are parallel (they equal the joint offset
 /// or a parameter of the link before). Order: joint offsets from base to tip, then links from base to tip, within a
@@ -209,9 +220,15 @@ struct ErrorModel {
   /// place that are all on one line. Then the parameters of bases are named base[STATION].Tx, and uncertainties in the
   /// base frame are those of the arm alone.
   bool has_undetermined_bases = false;
+  KeptAxes kept_axes = KeptAxes::none;
+  /// With kept axes, for each joint frame the point on the joint's axis about which its errors act, and zero for the
+  /// tip; else empty: the origins.
+  std::vector<KDL::Vector> pivots;
 };
 
-ErrorModel complete_model(const Robot& robot);
+/// With kept axes, the model has no parameters that would tilt or part them. Throws InputError where the axes of the
+/// robot are only nearly parallel or nearly meet, and where there are none to keep.
+ErrorModel complete_model(const Robot& robot, KeptAxes kept = KeptAxes::none);
 
 /// The chain with every error parameter as an extra fixed segment named after it; the joints are the robot's.
 /// Throws InputError for another number of errors, and one that is not finite.

@@ -191,6 +191,13 @@ struct OffsetsAlone {
   ErrorStatistics accuracy;  ///< of the fitted rows (means of repeats)
 };
 
+/// Position errors of the same calibration without kept axes.
+struct FreeAxes {
+  std::string not_computed;  ///< why there are none; empty: there are
+  BeforeAfter train;
+  std::optional<BeforeAfter> held_out;
+};
+
 struct CalibrationResult {
   CalibrationSettings settings;  ///< that made it
   ErrorModel model;              ///< with the selected effects
@@ -203,6 +210,7 @@ struct CalibrationResult {
   std::vector<HeldOutPoint> held_out_points;
   ExportedUrdf exported;
   std::optional<OffsetsAlone> offsets_alone;  ///< with a joint convention, for mastering
+  std::optional<FreeAxes> free_axes;          ///< with kept axes, for comparison
   Uncertainty uncertainty;
   Diagnosis diagnosis;
   double difference_to_kdl = 0.0;  ///< [m] largest difference of our flange poses from KDL's

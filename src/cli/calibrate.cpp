@@ -57,6 +57,7 @@ struct CalibrateArguments {
   double guard = 0.0;
   std::string method = "joint";
   std::string model = "irreducible";
+  std::string keep_axes;
   CalibrationOptions options;
   std::string prior;  // empty: not stated
   std::string prior_result;
@@ -136,6 +137,9 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   CalibrationOptions options = arguments.options;
   options.estimator.method = arguments.method == "joint" ? Method::joint : Method::two_step;
   options.parameters.model = arguments.model == "irreducible" ? ModelChoice::irreducible : ModelChoice::complete;
+  options.parameters.keep_axes = arguments.keep_axes == "closed-form" ? KeptAxes::closed_form
+                                 : arguments.keep_axes == "angles"    ? KeptAxes::angles
+                                                                      : KeptAxes::none;
   options.estimator.loss = arguments.loss == "huber"   ? Loss::huber
                            : arguments.loss == "tukey" ? Loss::tukey
                                                        : Loss::none;
@@ -378,6 +382,10 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
       ->type_name("NAME,...");
   add_list(app, "--free", arguments.options.parameters.free, "Parameters to estimate in addition")
       ->type_name("NAME,...");
+  app.add_flag("--keep-axes{closed-form}", arguments.keep_axes,
+               "Keep axes parallel and through one point exactly, for inverse kinematics in closed form (MoveIt, "
+               "ikfast); =angles: keep all angles between neighbouring axes as well (OPW, Universal Robots)")
+      ->check(one_of({"closed-form", "angles"}));
   app.add_option("--prior-length", arguments.options.priors.stated.length,
                  "1 sigma of length errors beforehand, m; 0: none")
       ->type_name("M")
@@ -466,8 +474,8 @@ void add_groups(CLI::App& app) {
       app, "Output",
       {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});
   add_group(app, "Model",
-            {"--method", "--iterations", "--model", "--fix", "--free", "--prior", "--prior-length", "--prior-angle",
-             "--prior-result", "--effects", "--gravity-direction", "--payload-centre"});
+            {"--method", "--iterations", "--model", "--fix", "--free", "--keep-axes", "--prior", "--prior-length",
+              "--prior-angle", "--prior-result", "--effects", "--gravity-direction", "--payload-centre"});
   add_group(app, "Noise",
             {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma",
              "--scale-sigma", "--length-sigma"});

@@ -1,6 +1,7 @@
 #include <fmt/core.h>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "base/number_text.hpp"
 #include "cli/frames.hpp"
@@ -71,17 +72,26 @@ struct JacobianArguments {
   bool force = false;
 };
 
-Eigen::VectorXd errors_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
-  return arguments.arm.result.empty()
-             ? Eigen::VectorXd(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(model.parameters.size())))
-             : read_result(arguments.arm.result, robot).estimate.errors;
+// The nominal geometry, or that of the result.
+struct Geometry {
+  ErrorModel model;
+  Eigen::VectorXd errors;
+};
+
+Geometry geometry(const JacobianArguments& arguments, const Robot& robot) {
+  if (!arguments.arm.result.empty()) {
+    CalibrationParts found = read_result(arguments.arm.result, robot);
+    return {.model = complete_model(robot, found.model.kept_axes), .errors = std::move(found.estimate.errors)};
+  }
+  Geometry nominal{.model = complete_model(robot), .errors = {}};
+  nominal.errors.setZero(static_cast<Eigen::Index>(nominal.model.parameters.size()));
+  return nominal;
 }
 
 // Base and targets of the result; without one W is the base frame, with the published targets.
-Estimate estimate_at(const JacobianArguments& arguments, const Robot& robot, const ErrorModel& model) {
-  Estimate estimate{.errors = errors_at(arguments, robot, model),
-                    .frames = {.targets = published_targets(arguments.targets)},
-                    .effects = {}};
+Estimate estimate_at(const JacobianArguments& arguments, Eigen::VectorXd errors) {
+  Estimate estimate{
+      .errors = std::move(errors), .frames = {.targets = published_targets(arguments.targets)}, .effects = {}};
   if (!arguments.arm.result.empty()) {
     estimate.frames.base() = read_base(arguments.arm.result);
     estimate.frames.targets = read_targets(arguments.arm.result);
@@ -121,8 +131,9 @@ ExitStatus run_identification(const JacobianArguments& arguments) {
   std::vector<OutputFile> files = given_outputs({{"--output", arguments.output}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.arm.robot);
-  IdentificationAt at{.model = complete_model(robot)};
-  at.estimate = estimate_at(arguments, robot, at.model);
+  const Geometry found = geometry(arguments, robot);
+  IdentificationAt at{.model = found.model};
+  at.estimate = estimate_at(arguments, found.errors);
   at.free = free_at(arguments, at.model, at.estimate.frames.targets);
   take_configurations(arguments, robot, at);
   const std::string csv = identification_csv(at);
@@ -160,9 +171,9 @@ ExitStatus run(const JacobianArguments& arguments) {
     return run_identification(arguments);
   }
   const Robot robot = load(arguments.arm.robot);
-  const ErrorModel model = complete_model(robot);
+  const auto [model, errors] = geometry(arguments, robot);
   const ManipulatorJacobians jacobians =
-      manipulator_jacobians(model, errors_at(arguments, robot, model), joint_values(robot, arguments.arm.joints));
+      manipulator_jacobians(model, errors, joint_values(robot, arguments.arm.joints));
   print(arguments.arm.json ? json(jacobians) : table(robot, jacobians));
   return done;
 }

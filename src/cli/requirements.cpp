@@ -110,6 +110,8 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",
+                                       "kept_axes",
+                                       "without",
                                        "new_point",
                                        "left_out",
                                        "train",

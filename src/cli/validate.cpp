@@ -198,6 +198,10 @@ ExitStatus run_against_truth(const ValidateArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const ErrorModel nominal = complete_model(robot);
   const CalibrationParts found = read_arm(arguments.result, robot, nominal).arm;
+  if (found.model.kept_axes != KeptAxes::none) {
+    throw InputError(arguments.result +
+                     ": has kept axes, and its parameters are not those of the truth; expected --measurements instead");
+  }
   auto [drawn, truth_as_read] = read_arm(arguments.truth, robot, nominal);
   drawn.model.circumstances = found.model.circumstances;
   Random random(arguments.seed);

@@ -21,6 +21,9 @@ namespace kdl_calibration {
 void check(const ErrorModel& model) {
   require_at_least("stations of a model", static_cast<std::ptrdiff_t>(model.stations.size()), 1);
   const std::size_t joints = model.joints.size();
+  if (!model.pivots.empty()) {
+    require_count("pivots of a model", model.pivots.size(), joints + 1);
+  }
   for (const ErrorParameter& parameter : model.parameters) {
     const std::size_t frames = parameter.kind == ParameterKind::joint_offset ? joints : joints + 1;
     require_index("the frame of a parameter", parameter.frame, frames);

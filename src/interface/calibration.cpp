@@ -190,9 +190,48 @@ const CalibrationResult& fit_of(const Robot& robot, const Measurements& measurem
   return *parts.fitted;
 }
 
+namespace {
+
+// What the calibration without kept axes leaves. It serves for comparison only, so that nothing else is found out.
+FreeAxes with_free_axes(const ErrorModel& model, const Measurements& measurements, CalibrationSettings settings) {
+  if (settings.selection.earlier) {
+    return {.not_computed = "an earlier result with kept axes is continued", .train = {}, .held_out = {}};
+  }
+  settings.diagnosis.try_readings = false;
+  settings.validation.nested = false;
+  settings.predict_at = {};
+  try {
+    const CalibrationResult found = calibrate(model, measurements, settings);
+    if (!has_converged(found.fit.identification)) {
+      return {.not_computed = found.fit.identification.message, .train = {}, .held_out = {}};
+    }
+    const BeforeAfter* held_out = found.accuracy.held_out();
+    return {.not_computed = {},
+            .train = found.accuracy.train,
+            .held_out = held_out != nullptr ? std::optional(*held_out) : std::nullopt};
+  } catch (const InputError& error) {  // such as fewer equations than unknowns
+    return {.not_computed = error.what(), .train = {}, .held_out = {}};
+  }
+}
+
+// An earlier result is continued with the axes that it kept.
+KeptAxes kept_axes(const CalibrationOptions& options) {
+  const KeptAxes asked = options.parameters.keep_axes;
+  const Calibration* earlier = options.priors.earlier;
+  const KeptAxes kept = earlier != nullptr ? earlier->parts().model.kept_axes : asked;
+  if (asked != KeptAxes::none && asked != kept) {
+    throw OptionError("keep_axes", "the earlier result keeps other axes or none, expected one with the same option",
+                      {"prior_result"});
+  }
+  return kept;
+}
+
+}  // namespace
+
 CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
   require_as_parsed(robot);
-  ErrorModel model = complete_model(robot);
+  const KeptAxes kept = kept_axes(options);
+  ErrorModel model = complete_model(robot, kept);
   model.gravity = unit_vector(options.effects.gravity_direction);
   require_conventions(options.diagnosis, model.joints);
   require_finite("effects.payload_centre", options.effects.payload_centre.allFinite());
@@ -207,7 +246,13 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
     model.gravity = earlier->parts().model.gravity;
     model.payload_centre = earlier->parts().model.payload_centre;
   }
-  return calibrate(model, measurements, settings);
+  CalibrationResult result = calibrate(model, measurements, settings);
+  if (kept != KeptAxes::none) {
+    ErrorModel free = complete_model(robot);
+    free.gravity = model.gravity;
+    result.free_axes = with_free_axes(free, measurements, settings);
+  }
+  return result;
 }
 
 Calibration calibrate(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {

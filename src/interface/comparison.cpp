@@ -383,6 +383,9 @@ Comparison compare(const Calibration& before, const Calibration& after) {
   if (before.parts().robot != after.parts().robot) {
     refuse_input("the calibrations are of different robots", "the same URDF, base and tip");
   }
+  if (before.parts().model.kept_axes != after.parts().model.kept_axes) {
+    refuse_input("one of the calibrations keeps axes that the other does not", "two with the same option");
+  }
   if (after.parts().continues_earlier) {
     refuse_input("the later calibration continues an earlier one", "an independent one");
   }

@@ -28,9 +28,16 @@ void add_parameter_factors(const ErrorModel& model, int frame, bool offsets, std
   }
 }
 
+bool is_zero(const KDL::Vector& v) { return v.x() == 0.0 && v.y() == 0.0 && v.z() == 0.0; }
+
 }  // namespace
 
+KDL::Vector pivot_of(const ErrorModel& model, int frame) {
+  return model.pivots.empty() ? KDL::Vector::Zero() : model.pivots[static_cast<std::size_t>(frame)];
+}
+
 KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame) {
+  const KDL::Frame pivot(pivot_of(model, frame));
   KDL::Frame result = KDL::Frame::Identity();
   for (const bool offsets : {false, true}) {
     for (std::size_t p = 0; p < model.parameters.size(); ++p) {
@@ -41,7 +48,7 @@ KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& erro
       }
     }
   }
-  return result;
+  return is_zero(pivot.p) ? result : pivot * result * pivot.Inverse();
 }
 
 std::vector<ChainFactor> chain_factors(const ErrorModel& model) {
@@ -54,7 +61,15 @@ std::vector<ChainFactor> chain_factors(const ErrorModel& model) {
                        .index = 0,
                        .name = tip ? "tip" : model.joints[i].name + ".origin",
                        .frame = tip ? model.tip_origin : model.joints[i].origin});
+    const KDL::Vector pivot = pivot_of(model, frame);
+    if (!is_zero(pivot)) {
+      factors.back().frame = factors.back().frame * KDL::Frame(pivot);
+    }
     add_parameter_factors(model, frame, false, factors);
+    if (!is_zero(pivot)) {
+      factors.push_back(
+          {.source = ChainFactor::Source::fixed, .name = model.joints[i].name + ".pivot", .frame = KDL::Frame(-pivot)});
+    }
     if (!tip) {
       factors.push_back({.source = ChainFactor::Source::joint,
                          .index = i,

@@ -13,6 +13,9 @@
 
 namespace kdl_calibration {
 
+/// The point about which the errors in this frame act.
+KDL::Vector pivot_of(const ErrorModel& model, int frame);
+
 /// E · Rot(dq) in the frame of joint `frame` (of the tip for frame = number of joints): the factor to the right of the
 /// nominal origin. `errors` has one value per parameter of the model.
 KDL::Frame frame_correction(const ErrorModel& model, const Eigen::VectorXd& errors, int frame);

@@ -6,6 +6,7 @@
 
 #include "base/preconditions.hpp"
 #include "model/error_chains.hpp"
+#include "model/kept_axes.hpp"
 #include "model/parameters.hpp"
 
 namespace kdl_calibration {
@@ -49,16 +50,18 @@ std::string carrying_joint(const Robot& robot, std::size_t frame) {
   return frame < robot.joints.size() ? robot.joints[frame].name : robot.tip_joint;
 }
 
-void add_link_parameters(const Robot& robot, std::size_t link, std::vector<ErrorParameter>& parameters) {
+void add_link_parameters(const Robot& robot, std::size_t link, const LinkErrors& allowed,
+                         std::vector<ErrorParameter>& parameters) {
   const KDL::Frame& origin = link < robot.joints.size() ? robot.joints[link].origin : robot.tip_origin;
   const char own_axis = link == 0 ? 'q' : parallel_letter(origin.M.Inverse(robot.joints[link - 1].axis));
   const KDL::Vector offset = origin.M.Inverse(origin.p);
   for (const ParameterKind kind : {ParameterKind::translation, ParameterKind::rotation}) {
+    const bool translation = kind == ParameterKind::translation;
+    const bool along_own = translation && allowed.own_translation;
     for (const char axis : kAxisOrder) {
-      if (axis == own_axis) {
+      if (!(axis == own_axis ? along_own : translation ? allowed.translations : allowed.rotations)) {
         continue;
       }
-      const bool translation = kind == ParameterKind::translation;
       parameters.push_back({.name = std::string(translation ? "T" : "R") + axis + std::to_string(link),
                             .joint = carrying_joint(robot, link),
                             .kind = kind,
@@ -91,7 +94,7 @@ KDL::Frame to_kdl(const Eigen::Isometry3d& X_AB) {
           KDL::Vector(p.x(), p.y(), p.z())};
 }
 
-ErrorModel complete_model(const Robot& robot) {
+ErrorModel complete_model(const Robot& robot, KeptAxes kept) {
   if (robot.joints.empty()) {
     refuse_input("a robot without moving joints", "one that load_robot or parse_robot gives");
   }
@@ -104,9 +107,14 @@ ErrorModel complete_model(const Robot& robot) {
                                 .axis = parallel_letter(robot.joints[i].axis),
                                 .frame = static_cast<int>(i)});
   }
+  const std::vector<LinkErrors> allowed = link_errors(robot.joints, kept);
   for (std::size_t link = 0; link <= robot.joints.size(); ++link) {
-    add_link_parameters(robot, link, model.parameters);
+    add_link_parameters(robot, link, allowed[link], model.parameters);
+    if (kept != KeptAxes::none) {
+      model.pivots.push_back(allowed[link].pivot);
+    }
   }
+  model.kept_axes = kept;
   model.link_masses = link_masses(robot);
   return model;
 }

@@ -76,6 +76,7 @@ std::vector<ParameterTwist> parameter_twists(const ErrorModel& model, const Eige
     if (parameter.frame != frame) {
       frame = parameter.frame;
       behind = Eigen::Isometry3d::Identity();
+      behind.translation() = -to_eigen(pivot_of(model, frame));
       if (frame < joints) {
         behind.linear() = z_onto(to_eigen(model.joints[static_cast<std::size_t>(frame)].axis));
       }
@@ -112,6 +113,7 @@ ChainFolder::ChainFolder(const ErrorModel& model, const std::vector<std::size_t>
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const bool tip = i == model.joints.size();
     frames_[i].origin = turn_back * to_eigen(tip ? model.tip_origin : model.joints[i].origin);
+    frames_[i].pivot = to_eigen(pivot_of(model, static_cast<int>(i)));
     if (!tip) {
       frames_[i].turn = z_onto(to_eigen(model.joints[i].axis));
       turn_back = frames_[i].turn.transpose();
@@ -139,7 +141,7 @@ void ChainFolder::fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::v
                        std::size_t first) const {
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     Eigen::Matrix3d R = frames_[i].turn;  // with p: the joint frame in the frame after the factor
-    Eigen::Vector3d p = Eigen::Vector3d::Zero();
+    Eigen::Vector3d p = -frames_[i].pivot;
     for (auto factor = frames_[i].factors.rbegin(); factor != frames_[i].factors.rend(); ++factor) {
       const Eigen::Vector3d& axis = factor->axis;
       if (factor->column >= 0) {
@@ -163,7 +165,8 @@ void ChainFolder::fold(const Eigen::VectorXd& errors, FoldedChain& chain, std::v
       }
     }
     chain.links[i].linear().noalias() = frames_[i].origin.linear() * R;
-    chain.links[i].translation() = frames_[i].origin.linear() * p + frames_[i].origin.translation();
+    chain.links[i].translation() =
+        frames_[i].origin.linear() * (p + frames_[i].pivot) + frames_[i].origin.translation();
   }
 }
 

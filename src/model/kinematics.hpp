@@ -76,7 +76,8 @@ private:
   struct Frame {
     Eigen::Isometry3d origin = Eigen::Isometry3d::Identity();  // after the turn of the previous frame
     Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-    std::vector<Factor> factors;  // in the order of the product
+    Eigen::Vector3d pivot = Eigen::Vector3d::Zero();  // about which the errors act
+    std::vector<Factor> factors;                      // in the order of the product
   };
   FoldedChain shape_;
   std::vector<Frame> frames_;

@@ -230,7 +230,9 @@ Plan make_plan(const PlanRequest& request) {
     check(*request.measured, complete_model(request.robot));
   }
   Plan plan;
-  plan.experiment = nominal_experiment(complete_model(request.robot), request.targets, request.noise, request.priors);
+  const KeptAxes kept = request.calibrated ? request.calibrated->model.kept_axes : KeptAxes::none;
+  plan.experiment =
+      nominal_experiment(complete_model(request.robot, kept), request.targets, request.noise, request.priors);
   if (request.calibrated) {
     plan.experiment.errors = request.calibrated->estimate.errors;
   }

@@ -319,6 +319,9 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
                                                                        {"complete", ModelChoice::complete}}))
                         .with("fix", options.parameters.fix)
                         .with("free", options.parameters.free)
+                        .by("keep_axes", one_of(options.parameters.keep_axes, {{"none", KeptAxes::none},
+                                                                               {"closed_form", KeptAxes::closed_form},
+                                                                               {"angles", KeptAxes::angles}}))
                         .by("known", frames_into(options.parameters.known))))
       .by("priors", structure(prior_members(result)))
       .by("effects", structure(Members()

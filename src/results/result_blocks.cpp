@@ -13,6 +13,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
+#include "model/kept_axes.hpp"
 #include "results/calibrated_urdf.hpp"
 
 namespace kdl_calibration {
@@ -222,6 +223,30 @@ Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration
             {"held_out", exported.held_out ? statistics_json(*exported.held_out) : Json(nullptr)}}},
           {"nominal_kept", exported.nominal_kept},
           {"sha256", hash}};
+}
+
+namespace {
+
+Json after_json(const BeforeAfter& errors) {
+  return {{"after", statistics_json(errors.after)},
+          {"exported_urdf", statistics_json(errors.rigid.value_or(errors.after))}};
+}
+
+}  // namespace
+
+Json kept_axes_json(const CalibrationResult& calibration) {
+  const ErrorModel& model = calibration.model;
+  const AxisRelations relations = axis_relations(model.joints, model.kept_axes);
+  Json result = {{"kept", to_string(model.kept_axes)},
+                 {"parallel", joint_names(relations.parallel, model.joints)},
+                 {"meeting", joint_names(relations.meeting, model.joints)}};
+  if (const std::optional<FreeAxes>& free = calibration.free_axes) {
+    const bool known = free->not_computed.empty();
+    result["without"] = {{"not_computed", known ? Json(nullptr) : Json(free->not_computed)},
+                         {"train", known ? after_json(free->train) : Json(nullptr)},
+                         {"held_out", free->held_out ? after_json(*free->held_out) : Json(nullptr)}};
+  }
+  return result;
 }
 
 bool is_information(Cause cause) {

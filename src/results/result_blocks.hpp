@@ -36,6 +36,7 @@ Json residuals_json(const Measurements& measurements, const CalibrationResult& c
 Json held_out_points_json(const Measurements& measurements, const CalibrationResult& calibration);
 
 /// Accuracy of the exported URDF without effects.
+Json kept_axes_json(const CalibrationResult& calibration);
 Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration);
 
 /// "gravity, gain (20 configurations needed); tables (50 configurations needed)"

@@ -517,6 +517,9 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
   result["parameters"] = parameters_json(calibration.uncertainty.parameters);
   result["effects"] = effects_json(calibration, measurements);
   result["model"] = reduction_json(calibration.fit.reduction);
+  if (calibration.model.kept_axes != KeptAxes::none) {
+    result["kept_axes"] = kept_axes_json(calibration);
+  }
   result["base"] = base_json(calibration, 0);
   if (calibration.model.has_undetermined_bases) {
     result["stations"] = stations_json(calibration);

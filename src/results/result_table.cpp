@@ -17,6 +17,7 @@
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/kept_axes.hpp"
 #include "model/parameters.hpp"
 #include "results/effect_findings.hpp"
 #include "results/joint_offsets.hpp"
@@ -108,9 +109,34 @@ std::string noise_line(const NoiseReport& noise) {
   return line + (noise.repeats ? " (from residuals and repeats)" : " (from the residuals)");
 }
 
+// "joint_2, joint_3 parallel; joint_4, joint_5, joint_6 through one point"
+std::string kept_axes_line(const ErrorModel& model) {
+  const AxisRelations relations = axis_relations(model.joints, model.kept_axes);
+  std::string line = model.kept_axes == KeptAxes::angles ? "kept: the angles between neighbouring axes" : "kept:";
+  for (const auto& [runs, how] :
+       {std::pair{&relations.parallel, " parallel"}, std::pair{&relations.meeting, " through one point"}}) {
+    for (const std::vector<std::string>& names : joint_names(*runs, model.joints)) {
+      line += (line.back() == ':' ? " " : "; ") + comma_separated(names) + how;
+    }
+  }
+  return line;
+}
+
+void add_kept_axes(const CalibrationResult& calibration, std::string& text) {
+  if (calibration.model.kept_axes == KeptAxes::none) {
+    return;
+  }
+  text += wrapped(kept_axes_line(calibration.model), 0, 2);
+  if (calibration.free_axes && !calibration.free_axes->not_computed.empty()) {
+    text += wrapped("what that costs is not computed: " + calibration.free_axes->not_computed, 0, 2);
+  }
+}
+
 void add_figures(const CalibrationResult& calibration, bool details, std::string& text) {
   const Identification& found = calibration.fit.identification;
-  text += "\n" + wrapped(noise_line(calibration.noise), 0, 2);
+  text += "\n";
+  add_kept_axes(calibration, text);
+  text += wrapped(noise_line(calibration.noise), 0, 2);
   text += fmt::format("rank {} of {} parameters, condition number {:.0f}, {} iterations\n",
                       calibration.uncertainty.identifiability.rank, calibration.uncertainty.identifiability.columns,
                       calibration.uncertainty.identifiability.condition, found.iterations);
@@ -446,6 +472,10 @@ void add_main_figures(const CalibrationResult& calibration, std::string& text) {
   add(accuracy.train_means ? "left out, means of repeats" : "left out", accuracy.leave_one_out);
   if (accuracy.k_fold) {
     add(fmt::format("{}-fold", accuracy.folds), accuracy.k_fold);
+  }
+  if (const std::optional<FreeAxes>& free = calibration.free_axes) {
+    add("fitted, axes free", free->not_computed.empty() ? std::optional(free->train) : std::nullopt);
+    add("left out, axes free", free->held_out);
   }
   const BeforeAfter* held_out = accuracy.held_out();
   text += held_out != nullptr ? main_row("largest, left out", *held_out, &ErrorStatistics::max)

@@ -14,6 +14,7 @@
 #include "base/text_file.hpp"
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
+#include "model/kept_axes.hpp"
 #include "model/parameters.hpp"
 #include "results/effects_json.hpp"
 
@@ -440,6 +441,19 @@ std::string measurements_hash(const Node& top) {
   return {};
 }
 
+KeptAxes kept_axes_of(const Node& top) {
+  if (!has(top, "kept_axes")) {
+    return KeptAxes::none;
+  }
+  const Node kept = member(member(top, "kept_axes"), "kept");
+  for (const KeptAxes known : {KeptAxes::closed_form, KeptAxes::angles}) {
+    if (tree::name(kept) == to_string(known)) {
+      return known;
+    }
+  }
+  fail(kept, "'closed_form' or 'angles'");
+}
+
 // Of named stations; "base" is that of the first.
 void read_stations(const Node& top, CalibrationParts& saved) {
   if (!has(top, "stations")) {
@@ -471,7 +485,7 @@ CalibrationParts parse_calibration(std::string_view json, const Robot& robot, co
   require_same_robot(top, robot);
   CalibrationParts saved;
   saved.robot = hash_of(robot);
-  saved.model = complete_model(robot);
+  saved.model = complete_model(robot, kept_axes_of(top));
   read_stations(top, saved);
   const std::vector<double> effects_freedom = read_parameters(top, own, saved);
   if (has(top, "base")) {

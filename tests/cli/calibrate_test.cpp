@@ -101,6 +101,19 @@ Eigen::Isometry3d known_base() {
   return Eigen::Translation3d(2.001, 1.0, 0.502) * Eigen::Quaterniond(0.6, 0.0, 0.0, 0.8);
 }
 
+/// Of the R-2000iC so many parameters are left, and the other calibration is the one without the option.
+Check keeps_axes(const std::string& which, int rank) {
+  return [=](const Effect& effect) {
+    const Json& kept = effect.with.json["kept_axes"];
+    EXPECT_EQ(kept["kept"], which);
+    EXPECT_EQ(effect.with.json["rank"], rank);
+    EXPECT_FALSE(effect.without.json.contains("kept_axes"));
+    for (const auto& [mine, its] : {std::pair{"train", "train"}, std::pair{"held_out", "leave_one_out"}}) {
+      EXPECT_EQ(kept["without"][mine]["after"], effect.without.json["position_error"][its]["after"]);
+    }
+  };
+}
+
 // NOLINTNEXTLINE(readability-function-size): a table
 std::vector<OptionCase> geometry_options() {
   return {
@@ -132,6 +145,8 @@ std::vector<OptionCase> geometry_options() {
        }),
        kMeasured},
       {"FreeAddsParameters", {"--free", "Rx1"}, is_library([](auto& o) { o.parameters.free = {"Rx1"}; }), kMeasured},
+      {"KeepAxesIsForClosedForms", {"--keep-axes"}, keeps_axes("closed_form", 28), kMeasured},
+      {"KeepAxesMayKeepAllAngles", {"--keep-axes=angles"}, keeps_axes("angles", 24), kMeasured},
       {"PriorLengthIsOfLengths",
        {"--prior-length", "0.0005"},
        is_library([](auto& o) { o.selection.priors.length = 5e-4; }),
@@ -530,6 +545,7 @@ TEST_F(CalibrateReport, EveryKeyOfTheResultStandsInTheReadmeAndEveryNumberMayBeR
   read(Json::parse(mistyped.out));
   read(Json::parse(run({"calibrate", "--measurements", "mistyped.csv", "--loss", "tukey", "--json"}).out));
   read(Json::parse(run({"validate", "--measurements", "mistyped.csv", "--json"}).out));
+  read(Json::parse(run({"calibrate", "--measurements", "points.csv", "--keep-axes", "--json"}).out));
   EXPECT_THAT(keys, ::testing::IsSupersetOf({"findings", "convergence_factor", "asked", "cook", "weights", "matrix",
                                              "nested_leave_one_out", "exported_urdf", "amount", "files_read"}));
   EXPECT_THAT(words_in_code(), ::testing::IsSupersetOf(keys));
