@@ -30,12 +30,14 @@ enum class KinematicFormat {
   dh,              ///< table of standard Denavit-Hartenberg parameters, JSON that load_dh_robot reads
   mdh,             ///< of modified ones (Craig)
   ur_yaml,         ///< kinematics of the Universal Robots description
+  opw,             ///< parameters of OPW kinematics (Brandstoetter, Angerer, Hofbaur 2014), YAML for MoveIt
   xacro_yaml,      ///< origin of every joint of the chain by name
   parameters_csv,  ///< the error parameters with units
 };
 
 /// The geometry of calibrated_urdf as text of this format. Throws InputError as calibrated_urdf does, for a DH table of
-/// an arm whose joints mimic others, and for ur_yaml of another maker's robot or with errors behind the last joint.
+/// an arm whose joints mimic others, for opw of an arm of another family, and for ur_yaml of another maker's robot or
+/// with errors behind the last joint.
 std::string kinematic_export(const Robot& robot, const Calibration& calibration, KinematicFormat format);
 
 /// The robot of a file with a DH table, CSV or JSON; src/cli/README.md describes it. Its links are base, link_1 ...,

@@ -45,10 +45,13 @@ struct ExportArguments {
 };
 
 const std::map<std::string, KinematicFormat>& formats() {
-  static const std::map<std::string, KinematicFormat> known = {
-      {"dh", KinematicFormat::dh},           {"mdh", KinematicFormat::mdh},
-      {"urdf", KinematicFormat::urdf},       {"xacro-yaml", KinematicFormat::xacro_yaml},
-      {"ur-yaml", KinematicFormat::ur_yaml}, {"csv", KinematicFormat::parameters_csv}};
+  static const std::map<std::string, KinematicFormat> known = {{"dh", KinematicFormat::dh},
+                                                               {"mdh", KinematicFormat::mdh},
+                                                               {"opw", KinematicFormat::opw},
+                                                               {"urdf", KinematicFormat::urdf},
+                                                               {"xacro-yaml", KinematicFormat::xacro_yaml},
+                                                               {"ur-yaml", KinematicFormat::ur_yaml},
+                                                               {"csv", KinematicFormat::parameters_csv}};
   return known;
 }
 
@@ -82,8 +85,9 @@ Subcommand add_export(CLI::App& parser) {
   const auto arguments = std::make_shared<ExportArguments>();
   add_robot_options(*app, arguments->robot);
   add_file(*app, "--result", arguments->result, "The result that calibrate wrote (JSON) [none: the nominal URDF]");
-  add_word(*app, "--format", arguments->format, {"dh", "mdh", "urdf", "xacro-yaml", "ur-yaml", "csv"},
-           "dh or mdh (table, JSON), urdf, xacro-yaml (joint origins), ur-yaml (kinematics of Universal Robots), csv "
+  add_word(*app, "--format", arguments->format, {"dh", "mdh", "opw", "urdf", "xacro-yaml", "ur-yaml", "csv"},
+           "dh or mdh (table, JSON), opw (parameters for MoveIt, YAML), urdf, xacro-yaml (joint origins), ur-yaml "
+           "(kinematics of Universal Robots), csv "
            "(parameters)")
       ->required();
   add_text_output(*app, arguments->to);

@@ -31,6 +31,8 @@ std::string kinematic_export(const Robot& robot, const Calibration& calibration,
       return dh_export(calibrated, DhConvention::standard, note);
     case KinematicFormat::mdh:
       return dh_export(calibrated, DhConvention::modified, note);
+    case KinematicFormat::opw:
+      return opw_yaml(calibrated, note);
     case KinematicFormat::ur_yaml:
       return ur_yaml(robot, calibrated, note);
     case KinematicFormat::xacro_yaml:

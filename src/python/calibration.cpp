@@ -149,6 +149,7 @@ KinematicFormat format_named(const std::string& name) {
   constexpr std::pair<const char*, KinematicFormat> kFormats[] = {{"urdf", KinematicFormat::urdf},
                                                                   {"dh", KinematicFormat::dh},
                                                                   {"mdh", KinematicFormat::mdh},
+                                                                  {"opw", KinematicFormat::opw},
                                                                   {"ur_yaml", KinematicFormat::ur_yaml},
                                                                   {"xacro_yaml", KinematicFormat::xacro_yaml},
                                                                   {"parameters_csv", KinematicFormat::parameters_csv}};
@@ -157,7 +158,7 @@ KinematicFormat format_named(const std::string& name) {
       return format;
     }
   }
-  throw InputError("format: '" + name + "', expected urdf, dh, mdh, ur_yaml, xacro_yaml or parameters_csv");
+  throw InputError("format: '" + name + "', expected urdf, dh, mdh, opw, ur_yaml, xacro_yaml or parameters_csv");
 }
 
 std::string calibration_text(const Found& found) {
@@ -271,7 +272,7 @@ void bind_calibration(py::module_& module) {
           [](const Found& found, const std::string& format) {
             return kinematic_export(*found.robot, found.calibration, format_named(format));
           },
-          "format"_a, "The calibrated geometry as text: urdf, dh, mdh, ur_yaml, xacro_yaml or parameters_csv.")
+          "format"_a, "The calibrated geometry as text: urdf, dh, mdh, opw, ur_yaml, xacro_yaml or parameters_csv.")
       .def("__repr__", &calibration_text);
   module.def("calibrate", &calibrated, "robot"_a, "measurements"_a,
              "Registration, choice of parameters, priors and effects, fit, uncertainty, validation and diagnosis.\n\n"

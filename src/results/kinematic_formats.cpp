@@ -2,10 +2,13 @@
 
 #include <fmt/core.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <type_traits>
+#include <utility>
 
 #include "base/csv.hpp"
 #include "base/number_text.hpp"
@@ -14,6 +17,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "model/parameters.hpp"
 #include "robot/chain_to_dh.hpp"
+#include "robot/opw.hpp"
 #include "robot/ur_calibration.hpp"
 #include "robot/urdf_correction.hpp"
 
@@ -27,6 +31,22 @@ std::string yaml_number(double value) {
   std::string text = shortest(value);
   const std::size_t exponent = text.find('e');
   return exponent == std::string::npos || text.find('.') < exponent ? text : text.insert(exponent, ".0");
+}
+
+/// ROS 2 does not take 0 for a number with a fraction.
+std::string yaml_double(double value) {
+  const std::string text = yaml_number(value);
+  return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
+}
+
+template <class Values>
+std::string yaml_list(const Values& values) {
+  std::string text;
+  for (const auto value : values) {
+    text +=
+        (text.empty() ? "[" : ", ") + (std::is_integral_v<decltype(value)> ? yaml_number(value) : yaml_double(value));
+  }
+  return text + "]";
 }
 
 /// x, y, z, roll, pitch, yaw of a joint's origin in its parent link.
@@ -51,6 +71,25 @@ std::string xacro_yaml(const Robot& robot, const std::string& note) {
     text += fmt::format("{}: {{xyz: \"{} {} {}\", rpy: \"{} {} {}\"}}\n",
                         nlohmann::json(segment.getJoint().getName()).dump(), shortest(x), shortest(y), shortest(z),
                         shortest(roll), shortest(pitch), shortest(yaw));
+  }
+  return text;
+}
+
+std::string opw_yaml(const Robot& robot, const std::string& note) {
+  const OpwParameters opw = opw_parameters_of(robot);
+  std::string text = comment_line(note) + "opw_kinematics_geometric_parameters:\n";
+  const std::vector<std::pair<const char*, double>> lengths = {
+      {"a1", opw.a1}, {"a2", opw.a2}, {"b", opw.b}, {"c1", opw.c1}, {"c2", opw.c2}, {"c3", opw.c3}, {"c4", opw.c4}};
+  for (const auto& [name, length] : lengths) {
+    text += fmt::format("  {}: {}\n", name, yaml_double(length));
+  }
+  text += "opw_kinematics_joint_offsets: " + yaml_list(opw.offsets) +
+          "\nopw_kinematics_joint_sign_corrections: " + yaml_list(opw.signs) + "\n";
+  for (const auto& [name, frame] : {std::pair{"base", opw.base}, std::pair{"tip", opw.tip}}) {
+    const Eigen::Isometry3d X = to_eigen(frame);
+    const Eigen::Quaterniond turn(X.linear());
+    text += fmt::format("{}: {{position: {}, quaternion_wxyz: {}}}\n", name, yaml_list(X.translation()),
+                        yaml_list(Eigen::Vector4d(turn.w(), turn.x(), turn.y(), turn.z())));
   }
   return text;
 }

@@ -19,6 +19,10 @@ std::string dh_export(const Robot& robot, DhConvention convention, const std::st
 /// joint: {xyz: "x y z", rpy: "roll pitch yaw"}, of every joint of the chain: origins for xacro, in m and rad.
 std::string xacro_yaml(const Robot& robot, const std::string& note);
 
+/// Parameters of OPW kinematics as the plugin of MoveIt reads them, with the frames of opw.hpp. Throws InputError for
+/// an arm that is not of this family.
+std::string opw_yaml(const Robot& robot, const std::string& note);
+
 /// kinematics: {shoulder: {x, y, z, roll, pitch, yaw}, ..., hash}, as the description of Universal Robots for ROS reads
 /// it. Throws InputError for another robot or another description, and if the calibrated tip is not where the nominal
 /// one is, as the file has no place for that.

@@ -64,6 +64,23 @@ TEST_F(ExportOfKdlcal, IsTheCalibratedArmInEveryFormat) {
   EXPECT_EQ(text_of("t.json"), exported("mdh"));
 }
 
+TEST_F(ExportOfKdlcal, HasTheOpwParametersOfAnArmThatKeptItsAngles) {
+  const Outcome refused = run(words_of("export --result r.json --format opw"));
+  EXPECT_EQ(refused.status, 2);
+  EXPECT_THAT(refused.err, HasSubstr("no arm of OPW kinematics"));
+  ASSERT_NE(run(words_of("calibrate --measurements m.csv --effects none --keep-axes=angles --result kept.json")).status,
+            2);
+  const Outcome outcome = run(words_of("export --result kept.json --format opw"));
+  ASSERT_EQ(outcome.status, 0) << outcome.err;
+  const std::string key = "  c3: ";  // along axis 4, from axis 3 to the wrist
+  ASSERT_THAT(outcome.out, HasSubstr(key));
+  const double c3 = std::stod(outcome.out.substr(outcome.out.find(key) + key.size()));
+  const Json kept = Json::parse(text_of("kept.json"));
+  const auto is_length = [](const Json& p) { return p["name"] == "Ty3"; };
+  const auto length = std::find_if(kept["parameters"].begin(), kept["parameters"].end(), is_length);
+  EXPECT_NEAR(c3, (*length)["value"].get<double>(), 1e-12);
+}
+
 TEST_F(ExportOfKdlcal, SaysThatEffectsAreMissing) {
   const Outcome outcome =
       run(words_of("calibrate --measurements m.csv --effects gain --prior none --result r.json --force"));

@@ -5,10 +5,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "base/number_text.hpp"
 #include "refusal.hpp"
+#include "results/calibrated_urdf.hpp"
 #include "support.hpp"
+#include "ur10.hpp"
 #include "urdf_text.hpp"
 
 namespace kdl_calibration::chain_to_dh_test {
@@ -111,6 +114,24 @@ TEST(ChainToDh, FindsThePublishedTableAgain) {
     if (expected.convention == DhConvention::standard) {
       EXPECT_LT(testing::difference(found.base, expected.base), 1e-14);
     }
+  }
+}
+
+// Its closed form has d1, a2, a3, d4, d5, d6 and joint offsets.
+TEST(ChainToDh, OfAUrThatKeptItsAnglesHasTheZerosOfItsClosedForm) {
+  const Robot robot = parse_robot(testing::kUr10);
+  const ErrorModel model = complete_model(robot, KeptAxes::angles);
+  Random random(3);
+  const Eigen::VectorXd errors = testing::random_errors(model, random, 0.005, 0.02);
+  const DhTable table = dh_table_of(parse_robot(calibrated_urdf(robot, model, errors)), DhConvention::standard);
+  for (const std::size_t i : {0U, 3U, 4U}) {
+    EXPECT_NEAR(table.rows[i].a, 0.0, 1e-10) << i;
+    EXPECT_NEAR(std::abs(table.rows[i].alpha), std::numbers::pi / 2, 1e-9) << i;
+  }
+  for (const std::size_t i : {1U, 2U}) {
+    EXPECT_NEAR(table.rows[i].alpha, 0.0, 1e-12) << i;
+    EXPECT_NEAR(table.rows[i].beta, 0.0, 1e-12) << i;
+    EXPECT_EQ(table.rows[i].d, 0.0) << i;
   }
 }
 
