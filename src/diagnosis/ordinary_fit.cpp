@@ -16,6 +16,7 @@
 #include "measurements/readings.hpp"
 #include "measurements/stations.hpp"
 #include "measurements/training_rows.hpp"
+#include "model/kept_axes.hpp"
 #include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 
@@ -80,7 +81,7 @@ constexpr std::size_t kMostSampled = 3000;  // configurations
 OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
     : fit_(fit),
       rows_(training_sample(fit.measurements, kMostSampled)),
-      model_(with_usual_effects(fit.model, fit.beside_effects)),
+      model_(with_usual_effects(with_free_axes(fit.model, fit.estimate.errors).model, fit.beside_effects)),
       estimate_(fit.estimate),
       wide_(Unknowns(model_, fit.estimate.frames.targets, {})
                 .with_group(model_, UnknownGroup::base)
@@ -88,6 +89,7 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
                 .with_group(model_, UnknownGroup::effects)
                 .with_group(model_, UnknownGroup::targets)),
       stations_(stations_of_configurations(rows_)) {
+  estimate_.errors = with_free_axes(fit.model, fit.estimate.errors).errors;
   const Index known = fit.beside_effects ? estimate_.effects.size() : 0;
   estimate_.effects.conservativeResize(std::ssize(model_.effects));
   estimate_.effects.tail(std::ssize(model_.effects) - known).setZero();

@@ -33,9 +33,9 @@ struct FitToDoubt {
   bool beside_effects = true;         ///< false: the effects of the model are doubted as well, and not held as ordinary
 };
 
-/// Every geometric error, sag under gravity and gain has an ordinary size, the fit's other effects a small one; frames
-/// are free unless they are stated. It is linearised at the most likely values of these, of at most 3,000
-/// configurations.
+/// Every geometric error, also those that would part kept axes, sag under gravity and gain has an ordinary size, the
+/// fit's other effects a small one; frames are free unless they are stated. It is linearised at the most likely values
+/// of these, of at most 3,000 configurations.
 class OrdinaryFit {
 public:
   /// Keeps a reference.

@@ -189,4 +189,34 @@ std::vector<LinkErrors> link_errors(const std::vector<MovingJoint>& joints, Kept
   return links;
 }
 
+FreeAxesModel with_free_axes(const ErrorModel& model, const Eigen::VectorXd& errors) {
+  FreeAxesModel result{.model = model, .errors = errors};
+  if (model.kept_axes == KeptAxes::none) {
+    return result;
+  }
+  Robot robot;
+  robot.joints = model.joints;
+  robot.tip_origin = model.tip_origin;
+  robot.tip_joint = model.tip_joint;
+  std::vector<ErrorParameter>& all = result.model.parameters;
+  all = complete_model(robot).parameters;
+  const auto named = [&](const std::string& name) {
+    return std::find_if(all.begin(), all.end(), [&](const ErrorParameter& p) { return p.name == name; });
+  };
+  for (const ErrorParameter& parameter : model.parameters) {
+    if (named(parameter.name) == all.end()) {  // a translation along the link's own axis, before its rotations
+      all.insert(std::find_if(all.begin(), all.end(),
+                              [&](const ErrorParameter& p) {
+                                return p.frame == parameter.frame && p.kind != ParameterKind::joint_offset;
+                              }),
+                 parameter);
+    }
+  }
+  result.errors = Eigen::VectorXd::Zero(std::ssize(all));
+  for (std::size_t p = 0; p < model.parameters.size(); ++p) {
+    result.errors[named(model.parameters[p].name) - all.begin()] = errors[static_cast<Eigen::Index>(p)];
+  }
+  return result;
+}
+
 }  // namespace kdl_calibration

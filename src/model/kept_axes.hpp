@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <string>
 #include <vector>
@@ -39,6 +40,13 @@ struct LinkErrors {
   bool rotations = true;
   KDL::Vector pivot;  ///< about which they act, on the axis of the frame's joint
 };
+
+/// The model with the errors that part its kept axes as well, about the same points, and all errors in it: those are 0.
+struct FreeAxesModel {
+  ErrorModel model;
+  Eigen::VectorXd errors;
+};
+FreeAxesModel with_free_axes(const ErrorModel& model, const Eigen::VectorXd& errors);
 
 /// One for each link from the base to the last. The axes keep their relations for finite values of the errors that
 /// remain, which are as many as the relations leave:

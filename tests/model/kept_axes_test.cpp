@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <kdl/chainjnttojacsolver.hpp>
 #include <numeric>
 
@@ -180,6 +181,21 @@ TEST_P(EveryArm, HasTheJacobianOfTheKdlSolverOnTheChainWithErrorsAsJoints) {
   for (const std::size_t p : which) {
     EXPECT_LT((folded_twists[p].linear - twists[p].linear).norm(), 1e-12);
     EXPECT_LT((folded_twists[p].angular - twists[p].angular).norm(), 1e-12);
+  }
+}
+
+TEST_P(EveryArm, IsTheSameWithTheErrorsThatItLacksAtZero) {
+  const ErrorModel kept = complete_model(GetParam().robot, KeptAxes::angles);
+  Random random(6);
+  const Eigen::VectorXd errors = testing::random_errors(kept, random, 0.01, 0.05);
+  const Eigen::VectorXd q = testing::random_joints(kept, random);
+  const auto [model, all] = with_free_axes(kept, errors);
+  EXPECT_LT(testing::difference(testing::kdl_pose(folded_chain(model, all), q),
+                                testing::kdl_pose(folded_chain(kept, errors), q)),
+            1e-12);
+  std::vector<std::string> names = testing::names_of(model.parameters);
+  for (const std::string& name : testing::names_of(complete_model(GetParam().robot).parameters)) {
+    EXPECT_EQ(std::count(names.begin(), names.end(), name), 1) << name;
   }
 }
 
