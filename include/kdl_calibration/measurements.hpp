@@ -73,6 +73,14 @@ auto& position_of(AnyReading& reading) {
   return std::visit(of_kind, reading);
 }
 
+/// Factors on the 1 sigma of a row, of its lengths and of its orientation. `calibrate` estimates them, one pair for each
+/// station, if instruments of several stations differ. No file states them.
+struct NoiseFactors {
+  float length = 1.0F;
+  float orientation = 1.0F;
+  bool operator==(const NoiseFactors&) const = default;
+};
+
 /// One row of the file: all that is known of it.
 struct Observation {
   Reading reading;
@@ -83,6 +91,7 @@ struct Observation {
   std::int32_t repeat = 1;            ///< observations of one configuration with the same repeat were taken together
   Split split = Split::train;
   std::int16_t station = 0;  ///< index into Measurements::stations, the same for all rows of a configuration
+  NoiseFactors noise = {};
 
   /// See position_of.
   const Eigen::Vector3d& position() const { return position_of(reading); }

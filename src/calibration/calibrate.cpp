@@ -27,6 +27,7 @@
 #include "measurements/training_rows.hpp"
 #include "model/kinematics.hpp"
 #include "model/parameters.hpp"
+#include "noise/noise_parts.hpp"
 #include "noise/orientation_length_estimate.hpp"
 #include "screening/screening.hpp"
 #include "selection/effect_selection.hpp"
@@ -390,9 +391,34 @@ struct Calibrated {
 
 enum class GrossRowSearch { yes, no };
 
-// `zero`: of the distances, if it is known already.
+// Found of the instruments in earlier passes, and applied to the measurements.
+struct Instruments {
+  std::optional<DistanceZero> zero;
+  int passes = 0;  // that found other noise of the stations
+};
+
+// The factors of the stations' noise by this fit, if they differ clearly from those of its rows.
+std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFit& fitted,
+                                                                 const CalibrationSettings& options) {
+  constexpr float kSettled = 1.1F;
+  const bool weighs = is_plain(options.estimator) && options.noise.weights != Weights::equal;
+  const std::vector<NoiseFactors> now = noise_factors(fitted.problem.measurements);
+  if (now.size() < 2 || !weighs || !has_converged(fitted.fit.identification)) {
+    return std::nullopt;
+  }
+  std::vector<NoiseFactors> found = noise_by_station(at_optimum(fitted), options.noise.stated);
+  found.resize(now.size());
+  const auto differ = [](float a, float b) { return std::max(a, b) > kSettled * std::min(a, b); };
+  const bool settled = std::equal(now.begin(), now.end(), found.begin(), [&](const auto& a, const auto& b) {
+    return !differ(a.length, b.length) && !differ(a.orientation, b.orientation);
+  });
+  return settled ? std::nullopt : std::optional(std::move(found));
+}
+
 Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
-                      GrossRowSearch search, std::optional<DistanceZero> zero = std::nullopt) {
+                      GrossRowSearch search, Instruments found = {}) {
+  constexpr int kMostPasses = 4;
+  std::optional<DistanceZero>& zero = found.zero;
   const TrainingRows rows(measurements);
   const ErrorModel model = model_at_stations(*rows, arm);
   require_rows_of_each_station(measurements, *rows);
@@ -403,7 +429,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   if (!zero) {
     zero = zero_of_distances(stated);
     if (zero && zero->length != 0.0) {
-      return calibrated(arm, from_zero(measurements, zero->length), options, search, zero);
+      return calibrated(arm, from_zero(measurements, zero->length), options, search, found);
     }
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
@@ -422,6 +448,12 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
       .settings = options, .model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
+  if (found.passes < kMostPasses) {
+    if (const auto factors = other_noise_of_stations(fitted, options)) {
+      ++found.passes;
+      return calibrated(arm, with_noise_factors(measurements, *factors), options, search, found);
+    }
+  }
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
   fitted.fit.identification =
@@ -434,6 +466,10 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
 
   result.distance_zero = zero;
   result.noise = noise_report(assessed.noise, fitted.problem, options);
+  if (const std::vector<NoiseFactors> factors = noise_factors(measurements);
+      std::any_of(factors.begin(), factors.end(), [](const NoiseFactors& f) { return f != NoiseFactors(); })) {
+    result.noise.stations = factors;
+  }
   result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
                                    {validated.held_out_points, selection.optimism, assumed}, options.predict_at);
   result.difference_to_kdl =
@@ -489,10 +525,13 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
                             const CalibrationSettings& options) {
   Calibrated found = calibrated(arm, measurements, options, GrossRowSearch::yes);
   CalibrationResult& result = found.result;
-  const FromZero fitted(measurements, result.distance_zero ? result.distance_zero->length : 0.0);
-  GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, *fitted, options);
+  const FromZero from_zero(measurements, result.distance_zero ? result.distance_zero->length : 0.0);
+  const Measurements weighed =
+      result.noise.stations.empty() ? Measurements() : with_noise_factors(*from_zero, result.noise.stations);
+  const Measurements& fitted = result.noise.stations.empty() ? *from_zero : weighed;
+  GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, fitted, options);
   result.diagnosis = diagnose(
-      result, *fitted, std::move(found.findings), std::move(gross),
+      result, fitted, std::move(found.findings), std::move(gross),
       {options.diagnosis, options.parameters, found.ambiguity, found.remarks, options.threads, options.progress});
   if (result.exported.nominal_kept) {  // doubts are of what was fitted
     result.accuracy = with_nominal_exported(result.accuracy);

@@ -73,6 +73,8 @@ struct NoiseReport {
   std::optional<TrackerNoise> tracker;
   double misfit = 0.0;              ///< [m] shared by the targets of a configuration
   double target_misfit = 0.0;       ///< [m] of a target in a configuration, in every repeat
+  /// Of each station, if its instruments differ; else empty. All noise above is that of factors 1, misfits have none.
+  std::vector<NoiseFactors> stations;
   std::optional<NoiseParts> parts;  ///< if estimated
   /// For each part d(covariance of the columns) / d(variance); empty for parts not estimated.
   std::vector<Eigen::MatrixXd> covariance_derivatives;
@@ -89,6 +91,8 @@ struct NoiseReport {
   /// Degrees of freedom of the covariance if no parts were estimated: infinite if the residuals agree with the stated
   /// noise.
   double freedom_of_covariance() const;
+  /// [m] 1 sigma of a coordinate at that station, all parts together.
+  double sigma_at(std::size_t station) const;
 };
 
 /// The zero of an instrument that measures distances.

@@ -490,52 +490,27 @@ Remarks said_of_urdf(const CalibrationResult& found) {
   return {};
 }
 
-// None unless the residuals of one station are much larger than those of another, and no row states its sigma.
-Remarks said_of_stations(const CalibrationResult& found, const Measurements& measurements) {
-  constexpr double kTimes = 3.0;
-  constexpr double kByChance = 1e-4;
-  if (measurements.stations.size() < 2) {
+// None if the noise of the stations is alike.
+Remarks said_of_stations(const CalibrationResult& found) {
+  const std::vector<NoiseFactors>& factors = found.noise.stations;
+  if (factors.empty()) {
     return {};
   }
-  struct Station {
-    std::string name;
-    double squares = 0.0;  // [m^2]
-    double coordinates = 0.0;
-    double sigma() const { return std::sqrt(squares / std::max(coordinates, 1.0)); }
+  std::vector<double> sigmas;
+  for (std::size_t station = 0; station < factors.size(); ++station) {
+    sigmas.push_back(found.noise.sigma_at(station));
+  }
+  const auto [least, most] = std::minmax_element(sigmas.begin(), sigmas.end());
+  const auto name = [&](auto sigma) {
+    return found.model.stations[static_cast<std::size_t>(std::distance(sigmas.begin(), sigma))];
   };
-  std::vector<Station> stations;
-  for (const std::string& name : measurements.stations) {
-    stations.push_back({.name = name});
-  }
-  const std::vector<double> distances =
-      position_errors(found.model, found.fit.identification.estimate, measurements, Rows::all);
-  for (std::size_t row = 0; row < distances.size(); ++row) {
-    const Observation& o = measurements.observations[row];
-    if (o.sigma > 0.0) {
-      return {};
-    }
-    if (o.split == Split::train) {
-      stations[station_of(o)].squares += distances[row] * distances[row];
-      stations[station_of(o)].coordinates += dimension(o.reading);
-    }
-  }
-  const auto [least, most] = std::minmax_element(
-      stations.begin(), stations.end(), [](const Station& a, const Station& b) { return a.sigma() < b.sigma(); });
-  const double used = static_cast<double>(found.fit.free.size()) / static_cast<double>(stations.size());
-  const auto freedom = [&](const Station& station) { return station.coordinates - used; };
-  const double ratio = most->sigma() / std::max(least->sigma(), kSmallest);
-  if (!(ratio > kTimes) || freedom(*least) < 1.0 || freedom(*most) < 1.0 ||
-      f_upper_tail(ratio * ratio, freedom(*most), freedom(*least)) > kByChance) {
-    return {};
-  }
   return {{.cause = Cause::unlike_stations,
-           .subjects = subjects_named(SubjectKind::station, {most->name, least->name}),
-           .figures = {{"noise_ratio", ratio}, {"sigma", most->sigma()}},
-           .message = fmt::format(
-               "the residuals of station {} are {:.3g} times as large as those of station {} ({} and {} per "
-               "coordinate), and all rows count alike; state the noise of each row in a column sigma[m]",
-               shown(most->name), ratio, shown(least->name), in_millimetres(most->sigma()),
-               in_millimetres(least->sigma()))}};
+           .subjects = subjects_named(SubjectKind::station, {name(most), name(least)}),
+           .figures = {{"noise_ratio", *most / *least}, {"sigma", *most}},
+           .message = fmt::format("the stations measure unlike: {} per coordinate at {}, {} at {}; each row counts by "
+                                  "the noise of its station",
+                                  in_millimetres(*most), shown(name(most)), in_millimetres(*least),
+                                  shown(name(least)))}};
 }
 
 // About parameters that the measurements cannot tell apart, and how they are resolved.
@@ -722,7 +697,7 @@ std::vector<Remark> remarks(const CalibrationResult& found, const Diagnosis& dia
   Remarks result;
   for (const Remarks& some : {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found),
                               said_of_zero(found), said_of_change(found), said_of_urdf(found),
-                              said_of_stations(found, measurements), said_of_model(found, diagnosis)}) {
+                              said_of_stations(found), said_of_model(found, diagnosis)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

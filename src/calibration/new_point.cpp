@@ -22,13 +22,15 @@ NewPointNoise new_point_noise(const NoiseReport& noise) {
                     .misfit = noise.misfit,
                     .target_misfit = noise.target_misfit},
           .variance_factor = noise.parts ? 1.0 : noise.variance_factor,
-          .degrees_of_freedom = noise.parts ? noise.parts->freedom_of_point() : noise.freedom_of_covariance()};
+          .degrees_of_freedom = noise.parts ? noise.parts->freedom_of_point() : noise.freedom_of_covariance(),
+          .stations = noise.stations};
 }
 
 NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise) {
   const NoiseModel& model = noise.model;
   const double factor = noise.variance_factor / prediction.repeats;
-  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(model, {.reading = Point{prediction.place}});
+  const Observation measured{.reading = Point{prediction.place}, .noise = prediction.noise};
+  Eigen::Matrix3d sum = prediction.covariance + factor * point_covariance(model, measured);
   sum.diagonal() += factor * model.common.cwiseAbs2();
   sum.diagonal().array() += model.misfit * model.misfit + model.target_misfit * model.target_misfit;
   const double s2 = sum.trace();
@@ -44,8 +46,9 @@ std::map<std::int32_t, std::vector<double>> left_out_ratios(const std::vector<He
                                                             const NewPointNoise& noise) {
   std::map<std::int32_t, std::vector<double>> ratios;
   for (const HeldOutPoint& point : held_out) {
-    const double radius =
-        new_point({.covariance = point.covariance, .place = point.measured, .repeats = point.repeats}, noise).radius_95;
+    const PointPrediction prediction{
+        .covariance = point.covariance, .place = point.measured, .repeats = point.repeats, .noise = point.noise};
+    const double radius = new_point(prediction, noise).radius_95;
     ratios[point.configuration].push_back(point.residual.norm() / radius);
   }
   return ratios;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <vector>
 
 #include "calibration/calibration_result.hpp"
@@ -20,6 +21,7 @@ struct PointPrediction {
   Eigen::Matrix3d covariance;  ///< [m^2] in W, of the parameters alone
   Eigen::Vector3d place;       ///< [m] in W
   double repeats = 1.0;        ///< number of repeats that the measurement averages
+  NoiseFactors noise = {};     ///< of the instrument
 };
 
 /// The noise of such a measurement.
@@ -27,6 +29,12 @@ struct NewPointNoise {
   NoiseModel model;
   double variance_factor = 1.0;     ///< on the variances of `model`, misfits excepted
   double degrees_of_freedom = 0.0;  ///< of the variance of a single point
+  std::vector<NoiseFactors> stations = {};
+
+  /// Factors 1 without a station.
+  NoiseFactors at(std::optional<std::size_t> station) const {
+    return station && !stations.empty() ? stations[*station] : NoiseFactors();
+  }
 };
 NewPointNoise new_point_noise(const NoiseReport& noise);
 

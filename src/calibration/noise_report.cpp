@@ -51,15 +51,30 @@ void report_parts(const NoiseParts& parts, NoiseReport& noise) {
   noise.parts = parts;
 }
 
-// Stated sigma of a point along the axes of W, root mean square over the rows.
+// An observation with the factors 1.
+Observation without_factors(Observation observation) {
+  observation.noise = {};
+  return observation;
+}
+
+// Stated sigma of a point along the axes of W, root mean square over the rows, without the factors of stations.
 Eigen::Vector3d stated_sigma_of_points(const Measurements& measurements, const NoiseModel& noise) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   double rows = 0.0;
   for (const Observation& o : measurements.observations) {
-    sum += point_covariance(noise, o).diagonal();
+    sum += point_covariance(noise, without_factors(o)).diagonal();
     rows += 1.0;
   }
   return (sum / rows).cwiseSqrt();
+}
+
+// Mean over the rows of 1 / factor^2.
+double mean_information(const Measurements& measurements) {
+  double sum = 0.0;
+  for (const Observation& o : measurements.observations) {
+    sum += 1.0 / (o.noise.length * o.noise.length);
+  }
+  return sum / static_cast<double>(measurements.observations.size());
 }
 
 // What the priors contribute: their part of the cost, and the number of unknowns that they determine instead of the
@@ -101,7 +116,7 @@ NoiseAssessment without_parts(const Measurements& measurements, const NoiseModel
     result.covariance = covariance(fitted.system.sqrt_information, factor * noise.variance_factor);
   } else {
     noise.source = NoiseSource::residuals;
-    noise.sigma = std::sqrt(variance * points / problem.total_weight());
+    noise.sigma = std::sqrt(variance * points * mean_information(measurements) / problem.total_weight());
     if (has_single_coordinates(measurements)) {
       noise.independent.setConstant(noise.sigma);
       result.covariance = covariance(fitted.system.sqrt_information, factor * variance);
@@ -206,6 +221,12 @@ double variance_of_unit_weight(const Eigen::MatrixXd& sqrt_information, const Ei
 double NoiseReport::freedom_of_covariance() const {
   return source == NoiseSource::stated && variance_factor == 1.0 ? std::numeric_limits<double>::infinity()
                                                                  : degrees_of_freedom;
+}
+
+double NoiseReport::sigma_at(std::size_t station) const {
+  const double factor = stations.empty() ? 1.0 : stations[station].length;
+  const double shared = misfit * misfit + target_misfit * target_misfit + common.squaredNorm() / 3.0;
+  return std::sqrt(factor * factor * independent.squaredNorm() / 3.0 + shared);
 }
 
 const char* to_string(NoiseSource source) {

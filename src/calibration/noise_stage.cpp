@@ -171,7 +171,8 @@ NoiseModel noise_of_means(const Measurements& measurements, const NoiseBeforehan
   double variance = 0.0;
   double rows = 0.0;
   for (const Observation& observation : measurements.observations) {
-    variance += (point_covariance(noise, observation).trace() + noise.common.squaredNorm()) / 3.0;
+    const double factor = observation.noise.length;
+    variance += (point_covariance(noise, observation).trace() / (factor * factor) + noise.common.squaredNorm()) / 3.0;
     rows += 1.0;
   }
   const int means = dimension(averaged(measurements));

@@ -135,7 +135,8 @@ std::vector<PointWithCovariance> PointPredictor::points(const Eigen::VectorXd& q
     point.position = X_BF * estimate.frames.targets[k].X_FT.translation();
     point.position_W = estimate.frames.base(station.value_or(0)) * point.position;
     point.covariance = all[k];
-    point.new_point = new_point({.covariance = all[k], .place = point.position_W}, basis_.noise);
+    point.new_point =
+        new_point({.covariance = all[k], .place = point.position_W, .noise = basis_.noise.at(station)}, basis_.noise);
     point.new_point.radius_95 *= basis_.region.radius_factor;
     point.outside = !basis_.region.holds(q, all[k]) || withholds_tables(basis_.model, q);
   }

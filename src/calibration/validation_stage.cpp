@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 
 #include "base/counted_fits.hpp"
 #include "base/degree.hpp"
@@ -80,14 +81,19 @@ struct PredictedFolds {
 // Whether the configurations beside its fold do not determine some direction of the point.
 bool is_undetermined(const HeldOutPoint& point) { return !point.covariance.allFinite(); }
 
-// The distances of the other points. Of all where the points are not known.
+// The distances of the other points. Of all where the points are not known. If the noise of stations differs, those of
+// the least noise, as the others show the noise of their instrument.
 std::vector<double> determined(const std::vector<double>& distances, const std::vector<HeldOutPoint>& points) {
   if (points.size() != distances.size()) {
     return distances;
   }
+  float least = std::numeric_limits<float>::infinity();
+  for (const HeldOutPoint& point : points) {
+    least = is_undetermined(point) ? least : std::min(least, point.noise.length);
+  }
   std::vector<double> result;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!is_undetermined(points[i])) {
+    if (!is_undetermined(points[i]) && points[i].noise.length == least) {
       result.push_back(distances[i]);
     }
   }

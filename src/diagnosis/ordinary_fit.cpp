@@ -95,8 +95,10 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
   estimate_.effects.tail(std::ssize(model_.effects) - known).setZero();
   options_.noise = fit.stated;
   double squares = 0.0;
+  std::size_t next = 0;
   for (const Vector3d& residual : residuals_of(fit.model, fit.estimate, rows_)) {
-    squares += residual.squaredNorm();
+    const double factor = rows_.observations[next++].noise.length;
+    squares += residual.squaredNorm() / (factor * factor);
   }
   misfit_ = std::sqrt(squares / static_cast<double>(rows_.observations.size()));
 

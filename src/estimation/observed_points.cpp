@@ -169,7 +169,8 @@ void Gathering::add_orientation(std::size_t row, double position_information, Ob
   if (orientation == nullptr) {
     return;
   }
-  const double weight = options_.row_weight(row) * orientation_information(options_, position_information);
+  const double weight = options_.row_weight(row) *
+                        orientation_information(options_, position_information, measurements_.observations[row].noise);
   const Matrix3d Z = orientation->toRotationMatrix();
   if (point.orientation_weight == 0.0) {
     point.orientation = Z;
@@ -212,6 +213,7 @@ Gathering::PatternRow Gathering::pattern_row(std::size_t i, const PatternRow& be
   return {.repeat = before.repeat + (is_next ? 1 : 0),
           .target = observation.target,
           .sigma = observation.sigma,
+          .factor = observation.noise.length,
           .weight = options_.row_weight(rows_[i])};
 }
 

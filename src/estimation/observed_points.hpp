@@ -59,6 +59,7 @@ private:
     std::int32_t repeat = 0;  // index within the configuration
     std::int32_t target = 0;
     double sigma = 0.0;
+    float factor = 1.0F;
     double weight = 1.0;
     bool operator==(const PatternRow&) const = default;
   };

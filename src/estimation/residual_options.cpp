@@ -16,18 +16,19 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 Matrix3d point_covariance(const NoiseModel& noise, const Observation& observation) {
+  const double factor = observation.noise.length;
   if (observation.sigma > 0.0) {
-    return observation.sigma * observation.sigma * Matrix3d::Identity();
+    return factor * factor * observation.sigma * observation.sigma * Matrix3d::Identity();
   }
   if (noise.tracker) {
     const double distance = observation.position().norm();
-    const double range = noise.tracker->range + noise.tracker->range_per_metre * distance;
-    const double transverse = noise.tracker->transverse + noise.tracker->transverse_per_metre * distance;
+    const double range = factor * (noise.tracker->range + noise.tracker->range_per_metre * distance);
+    const double transverse = factor * (noise.tracker->transverse + noise.tracker->transverse_per_metre * distance);
     const Vector3d line = distance > 0.0 ? Vector3d(observation.position() / distance) : Vector3d::UnitZ();
     const Matrix3d along = line * line.transpose();
     return range * range * along + transverse * transverse * (Matrix3d::Identity() - along);
   }
-  return noise.independent.cwiseAbs2().asDiagonal();
+  return Vector3d(factor * factor * noise.independent.cwiseAbs2()).asDiagonal();
 }
 
 // With the covariance L L^T of the earlier result its rows are L^-1.
@@ -68,13 +69,15 @@ PriorRows prior_rows(const Unknowns& free, const ResidualOptions& options) {
 
 double position_information(const ResidualOptions& options, const Observation& observation) {
   const double sigma = observation.sigma > 0.0 ? observation.sigma : options.noise.independent.x();
-  return sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0;
+  const double factor = observation.noise.length;
+  return (sigma > 0.0 ? 1.0 / (sigma * sigma) : 1.0) / (factor * factor);
 }
 
-double orientation_information(const ResidualOptions& options, double position_information) {
-  const double sigma = options.noise.orientation;
-  return sigma > 0.0 ? 1.0 / (sigma * sigma)
-                     : position_information * options.orientation_length * options.orientation_length;
+double orientation_information(const ResidualOptions& options, double position_information,
+                               const NoiseFactors& factors) {
+  const double sigma = options.noise.orientation * factors.orientation;
+  const double length = options.orientation_length * factors.length / factors.orientation;
+  return sigma > 0.0 ? 1.0 / (sigma * sigma) : position_information * length * length;
 }
 
 }  // namespace kdl_calibration

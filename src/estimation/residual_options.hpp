@@ -53,7 +53,8 @@ PriorRows prior_rows(const Unknowns& free, const ResidualOptions& options);
 
 /// Information of a point's coordinate under isotropic noise [1/m^2], without the row weight; 1 if no noise is stated.
 double position_information(const ResidualOptions& options, const Observation& observation);
-/// Information of an orientation component [1/rad^2], given that of its position.
-double orientation_information(const ResidualOptions& options, double position_information);
+/// Information of an orientation component [1/rad^2], given that of its position, which includes the row's factor.
+double orientation_information(const ResidualOptions& options, double position_information,
+                               const NoiseFactors& factors = {});
 
 }  // namespace kdl_calibration

@@ -116,7 +116,8 @@ std::string hash_of(const Measurements& measurements) {
   }
   add(observations.size());
   for (const Observation& row : observations) {
-    const auto& [reading, sigma, order, configuration, target, repeat, split, station] = row;
+    // `noise` is left out: a fit estimates it anew.
+    const auto& [reading, sigma, order, configuration, target, repeat, split, station, noise] = row;
     add(reading.index());
     add_each(row.position());
     std::visit(add_kind, reading);

@@ -171,7 +171,8 @@ namespace {
 Eigen::Matrix3d covariance_of(const Observation& observation, const Eigen::Vector3d& predicted,
                               const NewPointNoise& noise) {
   const NoiseModel& model = noise.model;
-  Eigen::Matrix3d sum = point_covariance(model, {.reading = Point{predicted}, .sigma = observation.sigma});
+  Eigen::Matrix3d sum = point_covariance(
+      model, {.reading = Point{predicted}, .sigma = observation.sigma, .noise = noise.at(station_of(observation))});
   sum.diagonal() += model.common.cwiseAbs2();
   sum *= noise.variance_factor;
   sum.diagonal().array() += model.misfit * model.misfit + model.target_misfit * model.target_misfit;

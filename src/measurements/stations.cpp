@@ -34,6 +34,21 @@ std::vector<std::int16_t> stations_of_configurations(const Measurements& measure
   return result;
 }
 
+Measurements with_noise_factors(Measurements measurements, const std::vector<NoiseFactors>& factors) {
+  for (Observation& observation : measurements.observations) {
+    observation.noise = factors[station_of(observation)];
+  }
+  return measurements;
+}
+
+std::vector<NoiseFactors> noise_factors(const Measurements& measurements) {
+  std::vector<NoiseFactors> result(measurements.stations.size());
+  for (const Observation& observation : measurements.observations) {
+    result[station_of(observation)] = observation.noise;
+  }
+  return result;
+}
+
 namespace {
 
 constexpr double kShortest = 1e-4;  // [m] lever, the RMS distance of the points from the axis

@@ -21,6 +21,10 @@ StationRows rows_of_station(const Measurements& measurements, std::size_t statio
 /// The station of each configuration; 0 for those without rows.
 std::vector<std::int16_t> stations_of_configurations(const Measurements& measurements);
 
+/// The measurements with these factors on the noise of their stations' rows, and the factors that they have.
+Measurements with_noise_factors(Measurements measurements, const std::vector<NoiseFactors>& factors);
+std::vector<NoiseFactors> noise_factors(const Measurements& measurements);
+
 /// Rotations of a station that its points do not show: about the line that they are on, or all if they are one point.
 /// None if single coordinates or distances show them, or if no row is a whole point: then their Jacobian does.
 struct UndeterminedRotations {

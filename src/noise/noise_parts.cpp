@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <utility>
 #include <vector>
 
+#include "base/distributions.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "noise/variance_estimation.hpp"
@@ -61,9 +63,9 @@ namespace {
 // The strata of a fit and the parts to estimate.
 class SampledStrata {
 public:
-  SampledStrata(const FitProblem& problem, const NoiseModel& stated)
+  SampledStrata(const FitProblem& problem, const NoiseModel& stated, bool by_station = false)
       : sample_(sampled(problem.measurements, with_noise(problem.options.joint.residuals, stated))),
-        strata_(sample_.measurements, sample_.options),
+        strata_(sample_.measurements, sample_.options, by_station),
         priors_(prior_rows(problem.free, sample_.options)),
         gradient_(sample_.share * priors_.rows.transpose() * priors_.residuals(problem.free.values(problem.start))) {
     strata_.add_means(problem.model, problem.start, problem.free);
@@ -73,13 +75,14 @@ public:
 
   const NoiseStrata& strata() const { return strata_; }
 
-  VarianceEstimation estimation(PartsAsked asked) const {
-    return VarianceEstimation({.strata = strata_.finished(),
-                               .unknown = strata_.unknown_parts(asked),
-                               .stated = stated_,
-                               .priors = MatrixXd(sample_.share * priors_.information()),
-                               .prior_gradient = gradient_});
+  VarianceTask task(PartsAsked asked) const {
+    return {.strata = strata_.finished(),
+            .unknown = strata_.unknown_parts(asked),
+            .stated = stated_,
+            .priors = MatrixXd(sample_.share * priors_.information()),
+            .prior_gradient = gradient_};
   }
+  VarianceEstimation estimation(PartsAsked asked) const { return VarianceEstimation(task(asked)); }
 
   // The parts scaled from the sample to all configurations.
   NoiseParts whole(NoiseParts parts) const {
@@ -126,7 +129,105 @@ Variances variances_of(const ResidualOptions& weights, const NoiseStrata& strata
   return result;
 }
 
+// The variances of the stations' instruments, of positions or of orientations, as factors on the strata: strata x
+// columns. Stations whose own rows hardly tell a variance share the first one.
+struct InstrumentColumns {
+  MatrixXd columns;
+  std::map<std::size_t, Index> column_of;  // of the stations with such rows
+};
+
+// `freedom`: of the strata with one variance for all; empty: one column for all.
+InstrumentColumns instrument_columns(const VarianceTask& task, bool of_orientations, const VectorXd& freedom) {
+  constexpr double kLeastFreedom = 6.0;
+  const double stated = task.stated[NoiseParts::kOrientation];
+  const auto count = static_cast<Index>(task.strata.size());
+  std::map<std::size_t, std::pair<VectorXd, double>> stations;  // factors on the strata, degrees of freedom
+  for (Index s = 0; s < count; ++s) {
+    const Stratum& stratum = task.strata[static_cast<std::size_t>(s)];
+    if (stratum.is_of_orientations() == of_orientations) {
+      auto& [factors, own] = stations.try_emplace(stratum.station, VectorXd::Zero(count), 0.0).first->second;
+      const double variance = stated > 0.0 ? stated : 1.0;
+      factors[s] =
+          of_orientations ? variance * stratum.coefficients[NoiseParts::kOrientation] : stratum.of_instrument();
+      own += freedom.size() > 0 ? freedom[s] : 0.0;
+    }
+  }
+  const auto tells = [](const auto& station) { return station.second.second >= kLeastFreedom; };
+  const auto first = std::find_if(stations.begin(), stations.end(), tells);
+  InstrumentColumns result{.columns = MatrixXd::Zero(count, stations.empty() ? 0 : 1), .column_of = {}};
+  for (auto station = stations.begin(); station != stations.end(); ++station) {
+    Index column = 0;
+    if (tells(*station) && station != first) {
+      column = result.columns.cols();
+      result.columns.conservativeResize(count, column + 1);
+      result.columns.col(column).setZero();
+    }
+    result.columns.col(column) += station->second.first;
+    result.column_of[station->first] = column;
+  }
+  return result;
+}
+
+// Factors on sigma of these variances: of stated noise, or relative to the smallest one.
+VectorXd factors_of(const VectorXd& variances, bool stated) {
+  constexpr double kLeastShare = 1e-4;  // of the largest variance: misfits explain the rest
+  if (stated) {
+    return (1.0 + variances.array()).sqrt();
+  }
+  const VectorXd least = variances.cwiseMax(kLeastShare * variances.maxCoeff());
+  return (least / least.minCoeff()).cwiseSqrt();
+}
+
+MatrixXd side_by_side(const MatrixXd& left, const MatrixXd& right) {
+  MatrixXd result(left.rows(), left.cols() + right.cols());
+  result << left, right;
+  return result;
+}
+
 }  // namespace
+
+std::vector<NoiseFactors> noise_by_station(const FitProblem& fit, const NoiseModel& stated) {
+  constexpr double kByChance = 1e-3;
+  constexpr std::size_t kMostStations = 10;  // with more, each has few rows, and strata take much memory
+  const std::size_t stations = fit.measurements.stations.size();
+  if (stations < 2 || stations > kMostStations) {
+    return {};
+  }
+  Measurements alike = fit.measurements;
+  for (Observation& observation : alike.observations) {
+    observation.noise = {};
+  }
+  const TrainingProblem training(with_measurements(fit, alike));
+  const SampledStrata sample(*training, stated, true);
+  VarianceTask task = sample.task(PartsAsked::beside_instruments);
+  task.further = side_by_side(instrument_columns(task, false, {}).columns, instrument_columns(task, true, {}).columns);
+  VarianceEstimation one(task);
+  if (!one.maximise()) {
+    return {};
+  }
+  const InstrumentColumns positions = instrument_columns(task, false, one.freedom());
+  const InstrumentColumns orientations = instrument_columns(task, true, one.freedom());
+  const auto freedom =
+      static_cast<double>(positions.columns.cols() + orientations.columns.cols() - task.further.cols());
+  task.further = side_by_side(positions.columns, orientations.columns);
+  VarianceEstimation each(std::move(task));
+  if (freedom < 1.0 || !each.maximise() ||
+      reduced_chi_squared_tail((one.minus_two_log() - each.minus_two_log()) / freedom, freedom) > kByChance) {
+    return {};
+  }
+  std::vector<NoiseFactors> result(stations);
+  const VectorXd lengths = factors_of(each.further().head(positions.columns.cols()), sample.strata().stated());
+  for (const auto& [station, column] : positions.column_of) {
+    result[station].length = static_cast<float>(lengths[column]);
+  }
+  if (!orientations.column_of.empty()) {
+    const VectorXd angles = factors_of(each.further().tail(orientations.columns.cols()), stated.orientation > 0.0);
+    for (const auto& [station, column] : orientations.column_of) {
+      result[station].orientation = static_cast<float>(angles[column]);
+    }
+  }
+  return result;
+}
 
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options) {

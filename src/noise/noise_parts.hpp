@@ -76,6 +76,11 @@ struct NoiseParts {
 NoiseParts estimate_noise(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                           const Unknowns& free, const ResidualOptions& options);
 
+/// The factors of the stations' noise, one pair for each station: on the stated noise, else relative to the smallest.
+/// Restricted maximum likelihood of one variance for each station beside the misfits, from rows with the same weights.
+/// Empty if one variance for all is as likely (likelihood ratio, p > 0.001) or cannot be told from them.
+std::vector<NoiseFactors> noise_by_station(const FitProblem& fit, const NoiseModel& stated);
+
 /// The parts that are not stated, from residuals of a fit with other weights: squared residuals are compared with their
 /// expectation (minimum norm quadratic unbiased estimation, Rao 1971). `fit`: at its optimum; `stated`: noise not to be
 /// estimated; `misfits`: whether to estimate misfits.

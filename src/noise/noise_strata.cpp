@@ -27,15 +27,26 @@ bool is_stated(const Measurements& measurements, const NoiseModel& noise) {
   return every_row || noise.tracker || !noise.independent.isZero(0.0);
 }
 
-// The system for unit noise, orientations included.
+bool have_own_noise(const Measurements& measurements) {
+  const auto& rows = measurements.observations;
+  return std::any_of(rows.begin(), rows.end(), [](const Observation& o) { return o.noise != NoiseFactors(); });
+}
+
+// The system for unit noise, orientations included. Single coordinates are in units of their stated sigma, if any.
 WhitenedSystem unit_system(const ErrorModel& model, const Measurements& measurements, const Estimate& estimate,
                            const Unknowns& free, const ResidualOptions& options) {
+  const bool as_stated = has_single_coordinates(measurements) && is_stated(measurements, options.noise);
   Measurements plain = measurements;
   for (Observation& observation : plain.observations) {
-    observation.sigma = 0.0;
+    observation.sigma = as_stated ? observation.sigma : 0.0;
+    observation.noise = {};
   }
   ResidualOptions unit;
-  unit.noise.independent.setOnes();
+  if (as_stated) {
+    unit.noise = options.noise;
+  } else {
+    unit.noise.independent.setOnes();
+  }
   unit.noise.orientation = 1.0;
   unit.row_weights = options.row_weights;
   std::replace_if(
@@ -79,8 +90,11 @@ void Stratum::complete() {
   }
 }
 
-NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions& options)
-    : measurements_(measurements), options_(options), stated_(is_stated(measurements, options.noise)) {
+NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions& options, bool by_station)
+    : measurements_(measurements),
+      options_(options),
+      stated_(is_stated(measurements, options.noise)),
+      by_station_(by_station || have_own_noise(measurements)) {
   std::map<std::pair<std::int32_t, std::int32_t>, MeasuredCell> cells;
   for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
     const Observation& o = measurements.observations[row];
@@ -102,16 +116,35 @@ NoiseStrata::NoiseStrata(const Measurements& measurements, const ResidualOptions
     configurations_[key.first].push_back(std::move(cell));
   }
   for (const auto& [c, of_configuration] : configurations_) {
-    add_repeats(of_configuration);
+    if (!has_single_coordinates(measurements)) {
+      add_repeats(of_configuration);
+    }
     several_targets_ = several_targets_ || of_configuration.size() > 1;
   }
 }
 
+const Observation& NoiseStrata::first_row(const std::vector<MeasuredCell>& cells) const {
+  return measurements_.observations[cells.front().rows.front()];
+}
+
+Stratum& NoiseStrata::stratum(std::map<Key, Stratum>& strata, std::array<long, 3> kinds, const Observation& row) const {
+  const std::size_t station = by_station_ ? station_of(row) : 0;
+  Stratum& result = strata[{kinds[0], kinds[1], kinds[2], static_cast<long>(station)}];
+  result.station = station;
+  return result;
+}
+
 void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, const Unknowns& free) {
+  if (has_single_coordinates(measurements_)) {
+    const WhitenedSystem system = unit_system(model, measurements_, estimate, free, options_);
+    add_coordinates(system);
+    add_orientations(system);
+    return;
+  }
   const PositionPredictor predictor(model, estimate, free);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, estimate, measurements_);
   for (const auto& [c, cells] : configurations_) {
-    const std::size_t station = station_of(measurements_.observations[cells.front().rows.front()]);
+    const std::size_t station = station_of(first_row(cells));
     const std::vector<Matrix3Xd> jacobians = predictor.jacobians(measurements_, c, station);
     const Eigen::Isometry3d X_WF = estimate.frames.base(station) * X_BF[static_cast<std::size_t>(c)];
     Means means;
@@ -122,28 +155,57 @@ void NoiseStrata::add_means(const ErrorModel& model, const Estimate& estimate, c
       means.inverse_weight += 1.0 / cell.weight / static_cast<double>(cells.size());
       means.known += cell.known / static_cast<double>(cells.size());
     }
-    add_means(means);
+    add_means(means, first_row(cells));
   }
   if (has_orientations(measurements_)) {
     add_orientations(unit_system(model, measurements_, estimate, free, options_));
   }
 }
 
-// Rows of orientations follow those of the configuration's points, multiplied by the root of their weight.
+namespace {
+
+// Rows of orientations follow those of the configuration's positions.
+Index first_orientation(const std::vector<MeasuredCell>& cells, Index end) {
+  return end - 3 * std::count_if(cells.begin(), cells.end(), [](const auto& cell) { return cell.orientations > 0.0; });
+}
+
+}  // namespace
+
+void NoiseStrata::add_coordinates(const WhitenedSystem& system) {
+  std::size_t block = 0;
+  for (const auto& [c, cells] : configurations_) {
+    Index row = system.blocks[block++];
+    const Index end = first_orientation(cells, system.blocks[block]);
+    const Observation& first = first_row(cells);
+    Stratum& coordinates = stratum(means_, {-2, 0, 0}, first);
+    const double variance = first.noise.length * first.noise.length;
+    for (; row < end; ++row) {
+      coordinates.add_row(system.jacobian.row(row), system.residual[row], 1.0);
+      coordinates.count += 1.0;
+      coordinates.coefficients[NoiseParts::kIndependent] += variance;
+      coordinates.known += stated_ ? variance : 0.0;
+      coordinates.summed += 1.0;
+    }
+  }
+}
+
+// They are multiplied by the root of their weight.
 void NoiseStrata::add_orientations(const WhitenedSystem& system) {
   std::size_t block = 0;
   for (const auto& [c, cells] : configurations_) {
-    Index row = system.blocks[block++] + 3 * static_cast<Index>(cells.size());
+    Index row = first_orientation(cells, system.blocks[++block]);
+    const Observation& first = first_row(cells);
     for (const MeasuredCell& cell : cells) {
       if (cell.orientations > 0.0) {
-        Stratum& stratum = means_[{-1, 0, 0}];
+        Stratum& orientations = stratum(means_, {-1, 0, 0}, first);
         const double factor = 1.0 / cell.orientations;
         for (Index i = 0; i < 3; ++i, ++row) {
-          stratum.add_row(system.jacobian.row(row), system.residual[row], factor);
+          orientations.add_row(system.jacobian.row(row), system.residual[row], factor);
         }
-        stratum.count += 3.0;
-        stratum.coefficients[NoiseParts::kOrientation] += factor;
-        stratum.summed += 1.0;
+        orientations.count += 3.0;
+        orientations.coefficients[NoiseParts::kOrientation] +=
+            factor * first.noise.orientation * first.noise.orientation;
+        orientations.summed += 1.0;
       }
     }
   }
@@ -173,6 +235,8 @@ void NoiseStrata::add_repeats(const std::vector<MeasuredCell>& cells) {
   std::map<std::int32_t, std::pair<Vector3d, double>> of_repeat;
   Vector3d squares = Vector3d::Zero();
   Vector3d known = Vector3d::Zero();
+  const Observation& first = first_row(cells);
+  const double variance = first.noise.length * first.noise.length;
   double freedom = 0.0;
   double rows = 0.0;
   for (const MeasuredCell& cell : cells) {
@@ -188,7 +252,7 @@ void NoiseStrata::add_repeats(const std::vector<MeasuredCell>& cells) {
       known += stated_ ? Vector3d(point_covariance(options_.noise, o).diagonal()) : Vector3d(Vector3d::Zero());
     }
   }
-  known_sum_ += known;
+  known_sum_ += known / variance;
   known_rows_ += rows;
   if (!(freedom > 0.0)) {
     return;
@@ -204,13 +268,13 @@ void NoiseStrata::add_repeats(const std::vector<MeasuredCell>& cells) {
   }
   for (Index axis = 0; axis < 3; ++axis) {
     const auto add = [&](long kind, double sum, double count, double of_common) {
-      Stratum& stratum = repeats_[{kind, std::lround(together), axis}];
-      stratum.squares += sum;
-      stratum.count += count;
-      stratum.coefficients[NoiseParts::kCommon + axis] += of_common;
-      stratum.coefficients[NoiseParts::kIndependent + axis] += 1.0;
-      stratum.known += known[axis] / rows;
-      stratum.summed += 1.0;
+      Stratum& repeats = stratum(repeats_, {kind, std::lround(together), axis}, first);
+      repeats.squares += sum;
+      repeats.count += count;
+      repeats.coefficients[NoiseParts::kCommon + axis] += of_common;
+      repeats.coefficients[NoiseParts::kIndependent + axis] += variance;
+      repeats.known += known[axis] / rows;
+      repeats.summed += 1.0;
     };
     if (separate) {
       add(0, shared[axis], shared_freedom, together);
@@ -221,13 +285,14 @@ void NoiseStrata::add_repeats(const std::vector<MeasuredCell>& cells) {
   }
 }
 
-void NoiseStrata::add_means(const Means& means) {
+void NoiseStrata::add_means(const Means& means, const Observation& row_of_station) {
+  const double variance = row_of_station.noise.length * row_of_station.noise.length;
   const auto targets = static_cast<long>(means.residuals.size());
   const auto T = static_cast<double>(targets);
   const long repeats = std::lround(1.0 / means.inverse_weight);
   for (Index axis = 0; axis < 3; ++axis) {
-    Stratum& mean = means_[{targets, repeats, axis}];
-    Stratum& deviation = deviations_[{targets, repeats, axis}];
+    Stratum& mean = stratum(means_, {targets, repeats, axis}, row_of_station);
+    Stratum& deviation = stratum(deviations_, {targets, repeats, axis}, row_of_station);
     Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(means.jacobians.front().cols());
     double residuals = 0.0;
     for (std::size_t t = 0; t < means.residuals.size(); ++t) {
@@ -246,11 +311,11 @@ void NoiseStrata::add_means(const Means& means) {
     deviation.count += T - 1.0;
     mean.coefficients[NoiseParts::kMisfit] += T;
     mean.coefficients[NoiseParts::kCommon + axis] += T * means.inverse_weight;
-    for (Stratum* stratum : {&mean, &deviation}) {
-      stratum->coefficients[NoiseParts::kTargetMisfit] += 1.0;
-      stratum->coefficients[NoiseParts::kIndependent + axis] += means.inverse_weight;
-      stratum->known += means.known[axis];
-      stratum->summed += 1.0;
+    for (Stratum* each : {&mean, &deviation}) {
+      each->coefficients[NoiseParts::kTargetMisfit] += 1.0;
+      each->coefficients[NoiseParts::kIndependent + axis] += variance * means.inverse_weight;
+      each->known += means.known[axis];
+      each->summed += 1.0;
     }
   }
 }
@@ -259,10 +324,11 @@ void NoiseStrata::add_means(const Means& means) {
 MatrixXd NoiseStrata::unknown_parts(PartsAsked asked) const {
   constexpr double kFreedomPerAxis = 20.0;
   const NoiseModel& noise = options_.noise;
-  const bool orientations = has_orientations(measurements_) && asked != PartsAsked::of_repeats;
-  const bool misfits = asked == PartsAsked::all;
+  const bool instruments = asked != PartsAsked::beside_instruments;
+  const bool orientations = has_orientations(measurements_) && asked != PartsAsked::of_repeats && instruments;
+  const bool misfits = asked == PartsAsked::all || !instruments;
   const bool repeats = repeat_freedom_ > 0.0;
-  const bool by_axis = repeat_freedom_ >= kFreedomPerAxis;
+  const bool by_axis = repeat_freedom_ >= kFreedomPerAxis && instruments;
   std::vector<Variances> columns;
   const auto add = [&](Index first, Index count) {
     Variances& column = columns.emplace_back(Variances::Zero());
@@ -285,7 +351,7 @@ MatrixXd NoiseStrata::unknown_parts(PartsAsked asked) const {
   if (noise.common.isZero(0.0) && several_in_a_repeat_) {
     add_axes(NoiseParts::kCommon);
   }
-  if (!stated_) {
+  if (!stated_ && instruments) {
     add_axes(NoiseParts::kIndependent);
   }
   if (orientations && !(noise.orientation > 0.0)) {

@@ -23,6 +23,7 @@ struct Stratum {
   double count = 0.0;
   NoiseParts::Variances coefficients = NoiseParts::Variances::Zero();
   double known = 0.0;
+  std::size_t station = 0;  // if strata are by station
   double summed = 0.0;      // configurations summed in coefficients and known, until divided to means
   Eigen::MatrixXd pending;  // rows whose products are added together
   Eigen::VectorXd factors;  // of these rows
@@ -33,6 +34,8 @@ struct Stratum {
   void complete();
   void add_pending();
   bool is_of_orientations() const { return coefficients[NoiseParts::kOrientation] != 0.0; }
+  /// Factor on the variance of the instrument: on the stated one, which is known, else on the independent part.
+  double of_instrument() const { return known > 0.0 ? known : coefficients.segment<3>(NoiseParts::kIndependent).sum(); }
   /// Whether it holds means of positions.
   bool is_of_means() const { return predicted && !is_of_orientations(); }
 };
@@ -55,14 +58,15 @@ struct Means {
   Eigen::Vector3d known = Eigen::Vector3d::Zero();
 };
 
-/// Which of the unstated parts to estimate.
-enum class PartsAsked { all, without_misfits, of_repeats };
+/// Which of the unstated parts to estimate. `beside_instruments`: without those of each point and orientation.
+enum class PartsAsked { all, without_misfits, of_repeats, beside_instruments };
 
 /// Sums a set of training rows (their split is ignored) to strata. Rows count by their weight. Stated noise is a known
-/// variance and is not estimated. Keeps references.
+/// variance and is not estimated. The strata are by station if asked, or if the stations' noise differs. Of single
+/// coordinates and distances all of a station are one stratum. Keeps references.
 class NoiseStrata {
 public:
-  NoiseStrata(const Measurements& measurements, const ResidualOptions& options);
+  NoiseStrata(const Measurements& measurements, const ResidualOptions& options, bool by_station = false);
 
   /// Adds residuals of the means and their Jacobians at one estimate.
   void add_means(const ErrorModel& model, const Estimate& estimate, const Unknowns& free);
@@ -79,16 +83,21 @@ public:
   Eigen::MatrixXd unknown_parts(PartsAsked asked) const;
 
 private:
-  using Key = std::array<long, 3>;
+  using Key = std::array<long, 4>;  // of kind, and the station
 
   double weight(std::size_t row) const { return options_.row_weight(row); }
+  const Observation& first_row(const std::vector<MeasuredCell>& cells) const;
+  /// Of these kinds, at the station of the cells.
+  Stratum& stratum(std::map<Key, Stratum>& strata, std::array<long, 3> kinds, const Observation& row) const;
   void add_repeats(const std::vector<MeasuredCell>& cells);
-  void add_means(const Means& means);
+  void add_means(const Means& means, const Observation& row);
+  void add_coordinates(const WhitenedSystem& system);
   void add_orientations(const WhitenedSystem& system);
 
   const Measurements& measurements_;
   const ResidualOptions& options_;
   const bool stated_;
+  const bool by_station_;
   std::map<std::int32_t, std::vector<MeasuredCell>> configurations_;
   std::map<Key, Stratum> means_;
   std::map<Key, Stratum> deviations_;

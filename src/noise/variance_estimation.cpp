@@ -121,9 +121,10 @@ VarianceEstimation::VarianceEstimation(VarianceTask task) : task_(std::move(task
   known_.resize(count);
   for (Index s = 0; s < count; ++s) {
     const Stratum& stratum = task_.strata[static_cast<std::size_t>(s)];
-    design_.row(s) = stratum.coefficients.transpose() * task_.unknown;
+    design_.row(s).head(task_.unknown.cols()) = stratum.coefficients.transpose() * task_.unknown;
     known_[s] = stratum.known + stratum.coefficients.dot(task_.stated);
   }
+  design_.rightCols(task_.further.cols()) = task_.further;
 }
 
 VectorXd VarianceEstimation::variances(const VectorXd& x) const {

@@ -14,6 +14,7 @@ struct VarianceTask {
   NoiseParts::Variances stated;    ///< of the other parts
   Eigen::MatrixXd priors;          ///< their information
   Eigen::VectorXd prior_gradient;  ///< of the columns
+  Eigen::MatrixXd further = {};    ///< strata x other unknown variances, which are no part and must be none for parts()
 };
 
 /// Estimates the parts' variances from the residual squares of the strata, about a weighted solution.
@@ -21,7 +22,7 @@ class VarianceEstimation {
 public:
   explicit VarianceEstimation(VarianceTask task);
 
-  Eigen::Index unknowns() const { return task_.unknown.cols(); }
+  Eigen::Index unknowns() const { return task_.unknown.cols() + task_.further.cols(); }
 
   /// Restricted maximum likelihood (Patterson and Thompson 1971). False if it does not converge, or if the residuals
   /// contradict the result.
@@ -31,6 +32,12 @@ public:
   /// parts. False if they contradict these as well.
   bool match(const NoiseParts::Variances& weights);
 
+  /// -2 log of the restricted likelihood, up to a constant of the strata.
+  double minus_two_log() const { return solution_.minus_two_log; }
+  /// The other variances that were asked for.
+  Eigen::VectorXd further() const { return x_.tail(task_.further.cols()); }
+  /// Degrees of freedom of each stratum.
+  const Eigen::VectorXd& freedom() const { return freedom_; }
   /// p-value of the means' residual squares under these variances.
   double tail_of_means() const;
   NoiseParts parts() const;

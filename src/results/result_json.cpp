@@ -30,7 +30,7 @@ Json before_after_json(const BeforeAfter& pair) {
   return result;
 }
 
-Json noise_json(const NoiseReport& noise) {
+Json noise_json(const NoiseReport& noise, const std::vector<std::string>& stations) {
   Json result = {{"model", to_string(noise.source)},
                  {"sigma", noise.sigma},
                  {"independent", array(noise.independent)},
@@ -45,6 +45,13 @@ Json noise_json(const NoiseReport& noise) {
   }
   if (noise.orientation_length) {
     result["orientation_length"] = *noise.orientation_length;
+  }
+  for (std::size_t station = 0; station < noise.stations.size(); ++station) {
+    const NoiseFactors& factors = noise.stations[station];
+    result["stations"].push_back({{"name", stations[station]},
+                                  {"sigma", noise.sigma_at(station)},
+                                  {"factor", factors.length},
+                                  {"orientation_factor", factors.orientation}});
   }
   if (noise.repeats) {
     result["repeats"] = {{"independent", array(noise.repeats->independent)},
@@ -531,7 +538,7 @@ std::string result_json(const Robot& robot, const Measurements& measurements, co
     result["joint_offsets"] = joint_offsets_json(calibration, *convention);
   }
   result["exported_urdf"] = exported_urdf_json(robot, calibration);
-  result["noise"] = noise_json(calibration.noise);
+  result["noise"] = noise_json(calibration.noise, calibration.model.stations);
   add_details(calibration, measurements, result);
   result["covariance"] = covariance_json(calibration);
   result["residuals"] = residuals_json(measurements, calibration);

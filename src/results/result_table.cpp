@@ -83,6 +83,15 @@ std::string per_axis(const Eigen::Vector3d& sigma) {
   return fmt::format("{}, {}, {} mm", fixed(sigma.x() * 1e3, 3), fixed(sigma.y() * 1e3, 3), fixed(sigma.z() * 1e3, 3));
 }
 
+std::string noise_of_stations(const CalibrationResult& calibration) {
+  std::vector<std::string> each;
+  for (std::size_t station = 0; station < calibration.noise.stations.size(); ++station) {
+    each.push_back(fmt::format("{} {} mm", calibration.model.stations[station],
+                               fixed(calibration.noise.sigma_at(station) * 1e3, 3)));
+  }
+  return each.empty() ? "" : wrapped("noise per coordinate by station: " + comma_separated(each), 0, 2);
+}
+
 std::string noise_line(const NoiseReport& noise) {
   std::string line = "noise per coordinate: ";
   if (noise.independent.isZero(0.0)) {
@@ -137,6 +146,7 @@ void add_figures(const CalibrationResult& calibration, bool details, std::string
   text += "\n";
   add_kept_axes(calibration, text);
   text += wrapped(noise_line(calibration.noise), 0, 2);
+  text += noise_of_stations(calibration);
   text += fmt::format("rank {} of {} parameters, condition number {:.0f}, {} iterations\n",
                       calibration.uncertainty.identifiability.rank, calibration.uncertainty.identifiability.columns,
                       calibration.uncertainty.identifiability.condition, found.iterations);

@@ -346,6 +346,19 @@ void read_prediction(const Node& top, CalibrationParts& saved) {
     model.tracker = TrackerNoise{tracker[0], tracker[1], tracker[2], tracker[3]};
   }
   check(model);
+  for (const Node& station : optional_elements(noise, "stations")) {
+    const auto factor = [&](const char* name) {
+      const double value = not_negative(member(station, name));
+      if (!(value >= 1e-6)) {
+        fail(member(station, name), "a factor above 0");
+      }
+      return static_cast<float>(value);
+    };
+    saved.noise.stations.push_back({.length = factor("factor"), .orientation = factor("orientation_factor")});
+  }
+  if (!saved.noise.stations.empty() && saved.noise.stations.size() != saved.model.stations.size()) {
+    fail(member(noise, "stations"), "one entry for each station");
+  }
   saved.noise.degrees_of_freedom = not_negative(member(noise, "degrees_of_freedom_of_point"));
   const bool by_parts = tree::name(member(noise, "model")) == to_string(NoiseSource::parts);
   saved.noise.variance_factor = by_parts ? 1.0 : not_negative(member(noise, "variance_factor"));

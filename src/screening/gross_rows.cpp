@@ -66,7 +66,8 @@ struct Equations {
   std::vector<Index> first_row;  // of each mean, whose coordinates follow one another
   double squares = 0.0;
   double freedom = 0.0;
-  double rms = 0.0;  // [m]
+  double rms = 0.0;          // [m]
+  double weighed_rms = 0.0;  // [m] each divided by the factor on its station's noise
 };
 
 std::optional<Equations> fitted(Search& search) {
@@ -94,6 +95,7 @@ std::optional<Equations> fitted(Search& search) {
   result.first_row.resize(search.weights.size());
   double points = 0.0;
   double square_metres = 0.0;
+  double weighed = 0.0;
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(problem.model, search.estimate, search.means);
   for (std::size_t c = 0; c < search.of_configuration.size(); ++c) {
     Index row = result.system.blocks[c];
@@ -104,13 +106,17 @@ std::optional<Equations> fitted(Search& search) {
       if (search.weights[i] == 1.0) {
         points += 1.0;
         result.freedom += coordinates;
-        square_metres += measured_minus_predicted(search.means.observations[i], search.estimate, X_BF).squaredNorm();
+        const Observation& mean = search.means.observations[i];
+        const double square = measured_minus_predicted(mean, search.estimate, X_BF).squaredNorm();
+        square_metres += square;
+        weighed += square / (mean.noise.length * mean.noise.length);
       }
     }
   }
   result.squares = result.system.residual.squaredNorm();
   result.freedom -= static_cast<double>(problem.free.size());
   result.rms = std::sqrt(square_metres / std::max(points, 1.0));
+  result.weighed_rms = std::sqrt(weighed / std::max(points, 1.0));
   return result;
 }
 
@@ -220,7 +226,7 @@ GrossRows find_gross_rows(const FitProblem& problem) {
   }
   found.rms = equations->rms;
   std::vector<GrossGroup> out;
-  double kept = equations->rms;  // of the last accepted fit
+  double kept = equations->weighed_rms;  // of the last accepted fit
   for (std::size_t taken = 0; taken < most; ++taken) {
     const GrossGroup group = largest_group(search, *equations);
     if (group.means.empty() || may_be_chance(group, *equations, groups)) {
@@ -235,9 +241,9 @@ GrossRows find_gross_rows(const FitProblem& problem) {
     if (!equations) {
       break;
     }
-    if (equations->rms < kMostMisfitLeft * kept || is_far_off(search, group, equations->rms)) {
-      kept = equations->rms;
-      found.rms_without = kept;
+    if (equations->weighed_rms < kMostMisfitLeft * kept || is_far_off(search, group, equations->rms)) {
+      kept = equations->weighed_rms;
+      found.rms_without = equations->rms;
       found.rows = described(search, out);
     }
   }

@@ -92,8 +92,8 @@ std::vector<double> relative_sigmas(const Measurements& measurements) {
   }
   const bool stated = std::all_of(sigmas.begin(), sigmas.end(), [](double sigma) { return sigma > 0.0; });
   const double middle = median(sigmas);
-  for (double& sigma : sigmas) {
-    sigma = stated ? sigma / middle : 1.0;
+  for (std::size_t row = 0; row < sigmas.size(); ++row) {
+    sigmas[row] = (stated ? sigmas[row] / middle : 1.0) * measurements.observations[row].noise.length;
   }
   return sigmas;
 }

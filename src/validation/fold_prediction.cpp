@@ -174,6 +174,7 @@ public:
       const Observation& observation = problem_.measurements.observations[row];
       if (observation.target == point.target) {
         point.repeats += 1.0;
+        point.noise = observation.noise;
         sum += observation.position();
       }
     }

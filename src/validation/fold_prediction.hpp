@@ -13,6 +13,7 @@ struct HeldOutPoint {
   std::int32_t configuration = 0;
   std::int32_t target = 0;
   double repeats = 1.0;                                  ///< number of repeats
+  NoiseFactors noise = {};                               ///< of its rows
   Eigen::Vector3d measured = Eigen::Vector3d::Zero();    ///< [m] mean of the repeats, in W
   Eigen::Vector3d residual = Eigen::Vector3d::Zero();    ///< [m] mean minus prediction, along W
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< [m^2] of the prediction by the parameters alone, along W

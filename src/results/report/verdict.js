@@ -236,13 +236,19 @@ function budgetTable() {
       { cells: ["total", "", mm(budget.total), share(budget.total)], attributes: { class: "is" } },
       { cells: [`expanded, k = ${short(k, 3)} (95 %)`, "", mm(budget.expanded), ""], attributes: { class: "is" } }],
     { label: "Uncertainty budget", class: "budget" }),
-    assumptionsNote(budget), note("Type A: from the scatter of these measurements. Type B: stated. Of the distance in space, not of one coordinate. ",
+    stationsNote(), assumptionsNote(budget), note("Type A: from the scatter of these measurements. Type B: stated. Of the distance in space, not of one coordinate. ",
       Number.isFinite(budget.degrees_of_freedom) ? `k is Student's t for ${fixed(budget.degrees_of_freedom, 0)} degrees of freedom. ` : null,
       parts.some(([, , value]) => value === 0) ? "A part of 0 is not seen, or contained in another one: to separate them takes repeats and several targets. " : null,
       (RESULT.predicted_accuracy.workspace || {}).count ? `Over the whole workspace the parameters' part is ${mm(RESULT.predicted_accuracy.workspace.rms)} mm. ` : null,
       temperature ? `Measured at ${temperature}; ` : "The temperature was not stated; ", "an arm that is warmer or colder is longer or shorter, which no part of this table contains.")];
 }
 const scaleOfDevice = () => (RESULT.assumed ? `(${Number((RESULT.assumed.scale_sigma * 1e6).toPrecision(3))} µm/m)` : "");
+function stationsNote() {
+  const stations = (RESULT.noise || {}).stations || [];
+  return stations.length === 0 ? null
+    : note(`Noise of a coordinate by station: ${stations.map((each) => `${each.name} ${mm(each.sigma)} mm`).join(", ")}. The budget is that of the best one.`);
+}
+
 function assumptionsNote(budget) {
   const assumed = RESULT.assumed;
   if (!assumed) return null;
