@@ -73,8 +73,8 @@ auto& position_of(AnyReading& reading) {
   return std::visit(of_kind, reading);
 }
 
-/// Factors on the 1 sigma of a row, of its lengths and of its orientation. `calibrate` estimates them, one pair for each
-/// station, if instruments of several stations differ. No file states them.
+/// Factors on the 1 sigma of a row, of its lengths and of its orientation. `calibrate` estimates them, one pair for
+/// each station, if instruments of several stations differ. No file states them.
 struct NoiseFactors {
   float length = 1.0F;
   float orientation = 1.0F;

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/counted_fits.hpp"
+#include "base/decompositions.hpp"
 #include "calibration/assessment.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "calibration/determined_fit.hpp"
@@ -290,8 +291,16 @@ struct LeftOut {
 // What the errors of scale, of stated lengths and of the zero of distances do to the estimate.
 Eigen::MatrixXd assumed_steps(const WeighedFit& fitted, const Assessment& assessed, const NoiseOptions& noise,
                               const std::optional<DistanceZero>& zero) {
+  const auto stations = static_cast<Eigen::Index>(fitted.problem.measurements.stations.size());
+  Eigen::MatrixXd zeros(stations, 0);
+  if (zero && !zero->of_stations.empty()) {
+    const Spectrum of_zeros = spectrum(zero->covariance);
+    zeros = of_zeros.vectors * of_zeros.values.cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  } else if (zero && zero->sigma > 0.0) {
+    zeros = Eigen::MatrixXd::Constant(stations, 1, zero->sigma);
+  }
   return considered_steps(at_optimum(fitted), covariance(assessed.root, 1.0),
-                          {.scale = noise.scale_sigma, .length = noise.length_sigma, .zero = zero ? zero->sigma : 0.0});
+                          {.scale = noise.scale_sigma, .length = noise.length_sigma, .zeros = zeros});
 }
 
 // Base, targets and errors with their uncertainty, and the predicted accuracy.
@@ -394,16 +403,19 @@ enum class GrossRowSearch { yes, no };
 // Found of the instruments in earlier passes, and applied to the measurements.
 struct Instruments {
   std::optional<DistanceZero> zero;
-  int passes = 0;  // that found other noise of the stations
+  const Measurements* from_no_zero = nullptr;  // before the zero was taken off
+  int passes = 0;                              // that found other noise of the stations
 };
 
 // The factors of the stations' noise by this fit, if they differ clearly from those of its rows.
 std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFit& fitted,
                                                                  const CalibrationSettings& options) {
   constexpr float kSettled = 1.1F;
+  constexpr double kRounding = 1e-9;  // [m]
   const bool weighs = is_plain(options.estimator) && options.noise.weights != Weights::equal;
   const std::vector<NoiseFactors> now = noise_factors(fitted.problem.measurements);
-  if (now.size() < 2 || !weighs || !has_converged(fitted.fit.identification)) {
+  if (now.size() < 2 || !weighs || !has_converged(fitted.fit.identification) ||
+      fitted.fit.identification.rms < kRounding) {
     return std::nullopt;
   }
   std::vector<NoiseFactors> found = noise_by_station(at_optimum(fitted), options.noise.stated);
@@ -428,8 +440,10 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   require_two_step_data(stated.free, *rows, options);
   if (!zero) {
     zero = zero_of_distances(stated);
-    if (zero && zero->length != 0.0) {
-      return calibrated(arm, from_zero(measurements, zero->length), options, search, found);
+    if (zero && zero->corrects()) {
+      found.from_no_zero = &measurements;
+      return calibrated(arm, from_zero(measurements, zero->at_stations(measurements.stations.size())), options, search,
+                        found);
     }
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
@@ -450,8 +464,8 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
   if (found.passes < kMostPasses) {
     if (const auto factors = other_noise_of_stations(fitted, options)) {
-      ++found.passes;
-      return calibrated(arm, with_noise_factors(measurements, *factors), options, search, found);
+      const Measurements& stated_rows = found.from_no_zero != nullptr ? *found.from_no_zero : measurements;
+      return calibrated(arm, with_noise_factors(stated_rows, *factors), options, search, {.passes = found.passes + 1});
     }
   }
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
@@ -525,7 +539,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
                             const CalibrationSettings& options) {
   Calibrated found = calibrated(arm, measurements, options, GrossRowSearch::yes);
   CalibrationResult& result = found.result;
-  const FromZero from_zero(measurements, result.distance_zero ? result.distance_zero->length : 0.0);
+  const FromZero from_zero(measurements, result.zeros(measurements.stations.size()));
   const Measurements weighed =
       result.noise.stations.empty() ? Measurements() : with_noise_factors(*from_zero, result.noise.stations);
   const Measurements& fitted = result.noise.stations.empty() ? *from_zero : weighed;

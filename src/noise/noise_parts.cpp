@@ -136,9 +136,10 @@ struct InstrumentColumns {
   std::map<std::size_t, Index> column_of;  // of the stations with such rows
 };
 
+constexpr double kLeastFreedom = 6.0;  // that tells the variance of a station
+
 // `freedom`: of the strata with one variance for all; empty: one column for all.
 InstrumentColumns instrument_columns(const VarianceTask& task, bool of_orientations, const VectorXd& freedom) {
-  constexpr double kLeastFreedom = 6.0;
   const double stated = task.stated[NoiseParts::kOrientation];
   const auto count = static_cast<Index>(task.strata.size());
   std::map<std::size_t, std::pair<VectorXd, double>> stations;  // factors on the strata, degrees of freedom
@@ -210,8 +211,10 @@ std::vector<NoiseFactors> noise_by_station(const FitProblem& fit, const NoiseMod
   const auto freedom =
       static_cast<double>(positions.columns.cols() + orientations.columns.cols() - task.further.cols());
   task.further = side_by_side(positions.columns, orientations.columns);
+  const MatrixXd is_of = (task.further.array() > 0.0).cast<double>();
   VarianceEstimation each(std::move(task));
-  if (freedom < 1.0 || !each.maximise() ||
+  // The errors of the arm may follow the few rows of a station, which then seem exact.
+  if (freedom < 1.0 || !each.maximise() || (is_of.transpose() * each.freedom()).minCoeff() < kLeastFreedom ||
       reduced_chi_squared_tail((one.minus_two_log() - each.minus_two_log()) / freedom, freedom) > kByChance) {
     return {};
   }
