@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
-#include <numeric>
+#include <iterator>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -105,7 +105,8 @@ bool has_extension(const std::string& file, std::string_view extension) {
 
 // The program, and the file that belongs to it in its language: motions before points.
 std::vector<ProgramText> texts_of(const std::string& file, const ProgramLanguage*& language) {
-  std::vector<ProgramText> texts = {{.source = file, .text = read_text_file(file, kMostOfAProgram)}};
+  std::vector<ProgramText> texts;
+  texts.push_back({.source = file, .text = read_text_file(file, kMostOfAProgram)});
   language = &language_of(texts.front());
   if (language->companion.empty()) {
     return texts;
@@ -137,8 +138,10 @@ std::vector<OutputFile> outputs_of(const ProgramArguments& arguments, const std:
 void require_programs_of_the_user(const std::vector<ProgramText>& texts) {
   for (const ProgramText& beside : texts) {
     const std::string record = beside.source + std::string(kRecord);
-    const std::string written =
-        std::filesystem::exists(record) ? read_text_file(record, kMostOfAProgram) : std::string();
+    if (!std::filesystem::exists(record)) {
+      continue;
+    }
+    const std::string written = read_text_file(record, kMostOfAProgram);
     for (const ProgramText& text : texts) {
       if (written.find(sha256(text.text)) != std::string::npos) {
         throw InputError(text.source + ": this program is compensated already, expected the original");
@@ -148,18 +151,20 @@ void require_programs_of_the_user(const std::vector<ProgramText>& texts) {
 }
 
 // A line of JSON. As trees a program's positions would take ten times the memory and time of their compensation.
-std::string line_of(const CompensatedPosition& position) {
+void add_line(std::string& text, const CompensatedPosition& position) {
   std::string change;
   for (const double each : position.change) {
     change += (change.empty() ? "" : ", ") + shortest(each);
   }
-  const CompensatedPoint& point = position.point;
-  return fmt::format(
+  const CommandedPoint& point = position.point;
+  fmt::format_to(
+      std::back_inserter(text),
       R"({{"position": {}, "line": {}, "status": "{}", "written": {}, "change": [{}], "position_error": {}, "orientation_error": {}}})",
       Json(position.name).dump(), position.line, to_string(point.status), position.written, change,
       shortest(point.position_error), shortest(point.orientation_error));
 }
 
+// The record without the positions.
 std::string record_of(const ProgramArguments& arguments, const CompensatedProgram& program) {
   Json hashes = Json::array();
   for (const std::string& text : program.texts) {
@@ -179,38 +184,52 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
                      {"warnings", program.warnings}};
   std::string text = json_text(rest);
   text.resize(text.size() - std::string_view("\n}\n").size());
-  text += ",\n  \"positions\": [";
-  constexpr std::size_t kBlock = 1024;
-  std::vector<std::string> blocks((program.positions.size() + kBlock - 1) / kBlock);
-  parallel_blocks(program.positions.size(), kBlock, 0, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      blocks[begin / kBlock] += (i == 0 ? "\n    " : ",\n    ") + line_of(program.positions[i]);
+  return text + ",\n  \"positions\": [";
+}
+
+// A text of many positions, piece by piece: add(i, text) appends that of a position.
+template <class Add>
+void write_positions(std::size_t count, const TextSink& sink, const Add& add) {
+  constexpr std::size_t kBlock = 512;
+  constexpr std::size_t kAtOnce = 64 * kBlock;
+  for (std::size_t first = 0; first < count; first += kAtOnce) {
+    const std::size_t size = std::min(kAtOnce, count - first);
+    std::vector<std::string> blocks((size + kBlock - 1) / kBlock);
+    parallel_blocks(size, kBlock, 0, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        add(first + i, blocks[begin / kBlock]);
+      }
+    });
+    for (const std::string& block : blocks) {
+      sink(block);
     }
-  });
-  text.reserve(std::accumulate(blocks.begin(), blocks.end(), text.size() + 16,
-                               [](std::size_t size, const std::string& block) { return size + block.size(); }));
-  for (std::string& block : blocks) {
-    text += std::exchange(block, {});
   }
-  text += "\n  ]\n}\n";
-  return text;
+}
+
+void write_record(const std::string& begin, const CompensatedProgram& program, const TextSink& sink) {
+  sink(begin);
+  write_positions(program.positions.size(), sink, [&](std::size_t i, std::string& text) {
+    text += i == 0 ? "\n    " : ",\n    ";
+    add_line(text, program.positions[i]);
+  });
+  sink("\n  ]\n}\n");
 }
 
 CompensationSummary summary_of(const CompensatedProgram& program, const Robot& robot, const CalibratedArm& arm) {
   CompensationSummary summary(robot, arm);
   for (const CompensatedPosition& position : program.positions) {
-    summary.add(std::span(&position.point, 1), std::span(&position.displacement, 1),
+    const CompensatedPoint point = position.point;
+    summary.add(std::span(&point, 1), std::span(&position.displacement, 1),
                 [&](std::size_t /*first*/) { return position.name; });
   }
   return summary;
 }
 
-std::string predictions_of(const CompensatedProgram& program, const CalibratedArm& arm) {
-  std::string text(kPredictionHeader);
-  for (const CompensatedPosition& position : program.positions) {
-    text += prediction_row(arm, position.name, position.point);
-  }
-  return text;
+void write_predictions(const CompensatedProgram& program, const CalibratedArm& arm, const TextSink& sink) {
+  sink(kPredictionHeader);
+  write_positions(program.positions.size(), sink, [&](std::size_t i, std::string& text) {
+    text += prediction_row(arm, program.positions[i].name, program.positions[i].point);
+  });
 }
 
 std::vector<std::string> warnings_of(const CompensatedProgram& program, const CompensationSummary& summary) {
@@ -260,18 +279,14 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
       {.robot = robot, .compensator = compensator, .controller = controller, .language = *language}, texts, near);
   const CompensationSummary summary = summary_of(program, robot, calibration.arm());
   const std::vector<std::string> warnings = warnings_of(program, summary);
-  std::string record = record_of(arguments, program);
-  const std::string printed =
-      arguments.json ? record
-                     : summary.table() + "rounding to the digits of the program moves the flange by at most " +
-                           fixed(program.rounding * 1e3, 3) + " mm\n";
+  const std::string record = record_of(arguments, program);
   for (std::size_t i = 0; i < program.texts.size(); ++i) {
     files[i].text = std::move(program.texts[i]);
   }
-  files[program.texts.size()].text = std::move(record);
+  files[program.texts.size()].pieces = [&](const TextSink& sink) { write_record(record, program, sink); };
   for (OutputFile& file : files) {
     if (file.option == "--predict") {
-      file.text = predictions_of(program, calibration.arm());
+      file.pieces = [&](const TextSink& sink) { write_predictions(program, calibration.arm(), sink); };
     } else if (file.option == "--report") {
       file.text = summary.page(with_files(summary.json(), arguments.robot, robot,
                                           {{"result", arguments.result},
@@ -282,7 +297,16 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
                                warnings);
     }
   }
-  write_whole(files, arguments.force, printed);
+  write_whole(files, arguments.force, [&] {
+    std::string printed;
+    if (arguments.json) {
+      write_record(record, program, [&](std::string_view piece) { printed += piece; });
+    } else {
+      printed = summary.table() + "rounding to the digits of the program moves the flange by at most " +
+                fixed(program.rounding * 1e3, 3) + " mm\n";
+    }
+    return printed;
+  });
   std::for_each(warnings.begin(), warnings.end(), warn);
   return summary.is_exact() ? done : not_to_be_trusted;
 }

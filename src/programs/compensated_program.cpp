@@ -66,6 +66,7 @@ public:
       : compensation_(compensation), program_(program), positions_(positions), approach_{.previous = near} {}
 
   void compensate() {
+    count_visits();
     for (const ProgramMotion& motion : program_.motions) {
       approach_.is_straight = motion.is_straight && is_known_;
       if (motion.point && !visit(*motion.point)) {
@@ -75,7 +76,7 @@ public:
     }
     approach_.is_straight = false;
     for (std::size_t i = 0; i < positions_.size(); ++i) {
-      if (PointCompensation::follows_previous(program_.points[i]) && !originals_.contains(i)) {
+      if (PointCompensation::follows_previous(program_.points[i]) && !is_visited_[i]) {
         visit(i);
       }
     }
@@ -86,6 +87,19 @@ public:
   }
 
 private:
+  void count_visits() {
+    is_visited_.resize(positions_.size());
+    for (const ProgramMotion& motion : program_.motions) {
+      if (motion.point && PointCompensation::follows_previous(program_.points[*motion.point])) {
+        if (is_visited_[*motion.point]) {
+          originals_.try_emplace(*motion.point, program_.points[*motion.point]);
+        }
+        is_visited_[*motion.point] = true;
+      }
+    }
+    is_visited_.assign(positions_.size(), false);
+  }
+
   // False for a point that was visited before with other joint values.
   bool visit(std::size_t i) {
     constexpr double kSame = 1e-3;  // [rad]
@@ -94,13 +108,13 @@ private:
       approach_.previous = positions_[i].asked();
       return true;
     }
-    const auto [original, is_new] = originals_.try_emplace(i, point);
-    if (is_new) {
+    if (!is_visited_[i]) {
+      is_visited_[i] = true;
       positions_[i] = compensation_.compensate(point, approach_);
       approach_.previous = positions_[i].asked();
       return true;
     }
-    ProgramPoint again = original->second;
+    ProgramPoint again = originals_.at(i);
     approach_.previous = compensation_.compensate(again, approach_).asked();
     return (approach_.previous - positions_[i].asked()).norm() < kSame;
   }
@@ -109,8 +123,9 @@ private:
   Program& program_;
   std::vector<CompensatedPosition>& positions_;
   Approach approach_;
-  bool is_known_ = false;                          // where the motion begins
-  std::map<std::size_t, ProgramPoint> originals_;  // of those that were visited
+  bool is_known_ = false;  // where the motion begins
+  std::vector<bool> is_visited_;
+  std::map<std::size_t, ProgramPoint> originals_;  // of those that are visited again
   std::vector<std::size_t> other_ways_;            // lines
 };
 
@@ -189,17 +204,21 @@ std::vector<PathDeviation> path_deviations(const PointCompensation& compensation
                                            const std::vector<ProgramText>& texts) {
   constexpr double kNoticeable = 1e-4;  // [m]
   const std::vector<Segment> segments = segments_of(program);
-  std::vector<PathDeviation> deviations(segments.size());
+  std::vector<double> found(segments.size());
   parallel_for(segments.size(), 0, [&](std::size_t i) {
-    const Segment& segment = segments[i];
-    deviations[i] = {.source = texts[segment.motion->file].source,
-                     .line = segment.motion->line,
-                     .from = program.points[segment.from].name,
-                     .to = program.points[segment.to].name,
-                     .deviation = compensation.deviation(positions[segment.from], positions[segment.to],
-                                                         program.points[segment.to])};
+    found[i] =
+        compensation.deviation(positions[segments[i].from], positions[segments[i].to], program.points[segments[i].to]);
   });
-  std::erase_if(deviations, [](const PathDeviation& path) { return !(path.deviation > kNoticeable); });
+  std::vector<PathDeviation> deviations;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    if (found[i] > kNoticeable) {
+      deviations.push_back({.source = texts[segments[i].motion->file].source,
+                            .line = segments[i].motion->line,
+                            .from = program.points[segments[i].from].name,
+                            .to = program.points[segments[i].to].name,
+                            .deviation = found[i]});
+    }
+  }
   std::stable_sort(deviations.begin(), deviations.end(),
                    [](const PathDeviation& a, const PathDeviation& b) { return a.deviation > b.deviation; });
   return deviations;
@@ -220,23 +239,33 @@ std::string warning_of(const ProgramRemark& remark, const std::string& source) {
       others.empty() ? "" : (remark.lines.size() == 2 ? " (also in line " : " (also in lines ") + others + ")");
 }
 
-// The numbers to write into a text, in its order.
-std::vector<NumberField> fields_of(const Program& program, const std::vector<CompensatedPosition>& positions,
-                                   std::size_t file) {
-  std::vector<NumberField> fields;
-  fields.reserve(6 * positions.size());
+// A text of the program with the new numbers.
+std::string rewritten(const ProgramText& text, std::size_t file, const Program& program,
+                      const std::vector<CompensatedPosition>& positions, const ProgramLanguage& language) {
+  std::vector<const ProgramPoint*> points;
+  points.reserve(positions.size());
   for (std::size_t i = 0; i < positions.size(); ++i) {
-    const ProgramPoint& point = program.points[i];
-    if (positions[i].written && point.file == file) {
-      fields.insert(fields.end(), point.fields.begin(), point.fields.end());
-      fields.insert(fields.end(), point.turn_fields.begin(), point.turn_fields.end());
+    if (positions[i].written && program.points[i].file == file) {
+      points.push_back(&program.points[i]);
     }
   }
-  const auto before = [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; };
-  if (!std::is_sorted(fields.begin(), fields.end(), before)) {
-    std::sort(fields.begin(), fields.end(), before);
+  // The numbers of a point stand together, with none of another one between them.
+  const auto first_stands_before = [](const ProgramPoint* a, const ProgramPoint* b) {
+    return a->fields.front().begin < b->fields.front().begin;
+  };
+  if (!std::is_sorted(points.begin(), points.end(), first_stands_before)) {
+    std::sort(points.begin(), points.end(), first_stands_before);
   }
-  return fields;
+  return with_numbers(
+      text.text, points.size(),
+      [&](std::size_t i, std::vector<NumberField>& fields) {
+        const auto old = static_cast<std::ptrdiff_t>(fields.size());
+        fields.insert(fields.end(), points[i]->fields.begin(), points[i]->fields.end());
+        fields.insert(fields.end(), points[i]->turn_fields.begin(), points[i]->turn_fields.end());
+        std::sort(fields.begin() + old, fields.end(),
+                  [](const NumberField& a, const NumberField& b) { return a.begin < b.begin; });
+      },
+      language);
 }
 
 }  // namespace
@@ -254,7 +283,7 @@ CompensatedProgram compensated_program(const ProgramSetup& setup, const std::vec
   remark_close_choices(compensation, positions, program);
   CompensatedProgram result;
   for (std::size_t file = 0; file < texts.size(); ++file) {
-    result.texts.push_back(with_numbers(texts[file].text, fields_of(program, positions, file), setup.language));
+    result.texts.push_back(rewritten(texts[file], file, program, positions, setup.language));
   }
   result.paths = path_deviations(compensation, program, positions, texts);
   for (const CompensatedPosition& position : positions) {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cstdlib>
-#include <span>
 
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
@@ -13,11 +12,19 @@ namespace kdl_calibration {
 
 namespace {
 
-// The text from the first of these fields to `end`, with their values.
-std::string rewritten(std::string_view text, std::span<const NumberField> fields, std::size_t end,
-                      const ProgramLanguage& language) {
-  std::string result;
-  std::size_t copied = fields.front().begin;
+// The text from the first to the last of some fields, with their values.
+struct Part {
+  std::size_t begin = 0;
+  std::size_t end = 0;
+  std::string text;
+};
+
+Part rewritten(std::string_view text, const std::vector<NumberField>& fields, const ProgramLanguage& language) {
+  if (fields.empty()) {
+    return {};
+  }
+  Part part{.begin = fields.front().begin, .end = fields.back().end, .text = {}};
+  std::size_t copied = part.begin;
   for (const NumberField& field : fields) {
     const std::string_view old = text.substr(field.begin, field.end - field.begin);
     double before = 0.0;
@@ -27,30 +34,50 @@ std::string rewritten(std::string_view text, std::span<const NumberField> fields
     if (is_decimal && fixed(field.value, field.decimals) == fixed(before, field.decimals)) {
       continue;
     }
-    result += text.substr(copied, field.begin - copied);
-    result += language.write(old, field.value, field.decimals);
+    part.text += text.substr(copied, field.begin - copied);
+    part.text += language.write(old, field.value, field.decimals);
     copied = field.end;
   }
-  result += text.substr(copied, end - copied);
-  return result;
+  part.text += text.substr(copied, part.end - copied);
+  return part;
 }
 
 }  // namespace
 
 std::string with_numbers(std::string_view text, const std::vector<NumberField>& fields,
                          const ProgramLanguage& language) {
-  constexpr std::size_t kBlock = 4096;
-  std::vector<std::string> parts((fields.size() + kBlock - 1) / kBlock);
-  parallel_blocks(fields.size(), kBlock, 0, [&](std::size_t begin, std::size_t end) {
-    parts[begin / kBlock] = rewritten(text, std::span(fields).subspan(begin, end - begin),
-                                      end < fields.size() ? fields[end].begin : text.size(), language);
-  });
+  return with_numbers(
+      text, fields.size(), [&](std::size_t i, std::vector<NumberField>& list) { list.push_back(fields[i]); }, language);
+}
+
+// Few parts are in memory at a time.
+std::string with_numbers(std::string_view text, std::size_t count,
+                         const std::function<void(std::size_t i, std::vector<NumberField>& fields)>& add,
+                         const ProgramLanguage& language) {
+  constexpr std::size_t kBlock = 512;
+  constexpr std::size_t kAtOnce = 64 * kBlock;
   std::string result;
   result.reserve(text.size() + text.size() / 8);
-  result += text.substr(0, fields.empty() ? text.size() : fields.front().begin);
-  for (const std::string& part : parts) {
-    result += part;
+  std::size_t copied = 0;
+  for (std::size_t first = 0; first < count; first += kAtOnce) {
+    const std::size_t size = std::min(kAtOnce, count - first);
+    std::vector<Part> parts((size + kBlock - 1) / kBlock);
+    parallel_blocks(size, kBlock, 0, [&](std::size_t begin, std::size_t end) {
+      std::vector<NumberField> fields;
+      for (std::size_t i = begin; i < end; ++i) {
+        add(first + i, fields);
+      }
+      parts[begin / kBlock] = rewritten(text, fields, language);
+    });
+    for (const Part& part : parts) {
+      if (part.end > part.begin) {
+        result += text.substr(copied, part.begin - copied);
+        result += part.text;
+        copied = part.end;
+      }
+    }
   }
+  result += text.substr(copied);
   return result;
 }
 

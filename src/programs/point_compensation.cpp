@@ -84,8 +84,13 @@ bool PointCompensation::follows_previous(const ProgramPoint& point) {
 CompensatedPosition PointCompensation::compensate(ProgramPoint& point, const Approach& approach) const {
   const PointNumbers numbers = numbers_in(point);
   CompensatedPosition position{.name = point.name, .line = point.line, .point = {}, .change = SixJoints::Zero()};
-  CompensatedPoint& solved = position.point;
-  solved = solve(point, numbers, approach, position.other_way);
+  const CompensatedPoint found = solve(point, numbers, approach, position.other_way);
+  position.point = {.status = found.status,
+                    .joint_values = found.joint_values,
+                    .change = found.change,
+                    .position_error = found.position_error,
+                    .orientation_error = found.orientation_error};
+  CommandedPoint& solved = position.point;
   const CompensatedJoints nominal = position.asked();
   const SixJoints commanded = joints_.controller(solved.joint_values.tail<6>());
   position.written = solved.status == CompensationStatus::exact || solved.status == CompensationStatus::position_only;

@@ -16,11 +16,31 @@
 
 namespace kdl_calibration {
 
+/// Values of the six joints of an arm and of up to six external axes.
+using ProgramJoints = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 12, 1>;
+
+/// CompensatedPoint in little memory, as programs have many.
+struct CommandedPoint {
+  CompensationStatus status = CompensationStatus::unreachable;
+  ProgramJoints joint_values;
+  ProgramJoints change;
+  double position_error = 0.0;
+  double orientation_error = 0.0;
+
+  operator CompensatedPoint() const {  // NOLINT(google-explicit-constructor): it is one
+    return {.status = status,
+            .joint_values = joint_values,
+            .change = change,
+            .position_error = position_error,
+            .orientation_error = orientation_error};
+  }
+};
+
 /// What became of a point of a program.
 struct CompensatedPosition {
   std::string name;
   std::size_t line = 0;
-  CompensatedPoint point;     ///< joint values of the URDF that are commanded
+  CommandedPoint point;       ///< joint values of the URDF that are commanded
   SixJoints change;           ///< of the controller's joints [rad]
   double displacement = 0.0;  ///< [m] of the commanded flange against the program's
   double rounding = 0.0;      ///< [m] displacement of the flange by rounding to the digits of the text
