@@ -79,8 +79,7 @@ bool Assignments::change_arguments(const std::vector<Call>& calls) {
 
 void Assignments::remark_calls_elsewhere(const std::vector<Call>& calls) {
   for (const Call& call : calls) {
-    if (!call.is_statement || call.routine == "return" || modules_.has_routine(call.routine) ||
-        motion_kind(call.routine)) {
+    if (!call.is_statement || modules_.has_routine(call.routine)) {
       continue;
     }
     for (const CallArgument& argument : call.arguments) {

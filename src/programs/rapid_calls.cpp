@@ -43,7 +43,18 @@ private:
   }
 
   void call(const Token& name, bool is_statement) {
-    Call call{.routine = lower_case(name.text),
+    const std::string routine = lower_case(name.text);
+    const std::vector<const Routine*> routines = modules_.routines_of(routine);
+    const bool takes_reference = std::any_of(routines.begin(), routines.end(), [](const Routine* each) {
+      return std::any_of(each->parameters.begin(), each->parameters.end(),
+                         [](const Parameter& parameter) { return parameter.is_reference; });
+    });
+    // Programs consist of motions, which change no argument.
+    const bool is_elsewhere = is_statement && routines.empty() && routine != "return" && !motion_kind(routine);
+    if (!takes_reference && !is_elsewhere) {
+      return;
+    }
+    Call call{.routine = routine,
               .at = {.name = {},
                      .spelling = std::string(name.text),
                      .file = file_,
@@ -52,14 +63,6 @@ private:
                      .arguments = {}},
               .is_statement = is_statement,
               .arguments = {}};
-    const std::vector<const Routine*> routines = modules_.routines_of(call.routine);
-    const bool takes_reference = std::any_of(routines.begin(), routines.end(), [](const Routine* routine) {
-      return std::any_of(routine->parameters.begin(), routine->parameters.end(),
-                         [](const Parameter& parameter) { return parameter.is_reference; });
-    });
-    if (!takes_reference && (!is_statement || !routines.empty())) {
-      return;
-    }
     // The arguments are read from a copy: they may hold calls themselves.
     Words words = words_;
     read_arguments(words, call);

@@ -25,8 +25,8 @@ struct Call {
   std::vector<CallArgument> arguments;
 };
 
-/// The calls in a text that the modules hold, in its order: those of their routines, and statements of other names. A
-/// call of a routine that takes no parameter by reference is left out.
+/// The calls in a text that the modules hold, in its order: those of their routines, and statements of other names but
+/// motions and RETURN. A call of a routine that takes no parameter by reference is left out.
 std::vector<Call> calls_in(const ProgramText& text, std::size_t file, const Modules& modules);
 
 /// The arguments that a call hands to the parameters by reference of which `is_set(scope, name)` is true.
