@@ -10,6 +10,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -94,6 +95,14 @@ public:
 
   /// The pose of the nominal robot's flange at these joint values: a controller that is told this pose sets them.
   Eigen::Isometry3d nominal_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const;
+
+  /// Joint values of the nominal robot with its flange at X_BF, found from `seed`: those that a controller sets. None
+  /// if it does not reach the pose within its limits.
+  std::optional<CompensatedJoints> nominal_joint_values(const Eigen::Isometry3d& X_BF,
+                                                        const Eigen::Ref<const Eigen::VectorXd>& seed) const;
+
+  /// The pose of the calibrated robot's flange at these joint values.
+  Eigen::Isometry3d calibrated_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const;
 
 private:
   struct Parts;

@@ -1,11 +1,10 @@
 #include <fmt/core.h>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <functional>
-#include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,7 +12,6 @@
 
 #include "base/csv.hpp"
 #include "base/degree.hpp"
-#include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
@@ -56,7 +54,7 @@ struct CompensateArguments {
   Circumstances circumstances;
   double most_change = 5.0;
   bool position_first = false;
-  bool linear = false;
+  std::optional<double> linear;  ///< [mm] tolerance
   std::string output;
   std::string predict;
   std::string report;
@@ -287,13 +285,13 @@ private:
     for (std::size_t i = 0; i < piece.lines.size(); ++i) {
       ends.push_back({.X_BT = piece.asked[i] * frames_.X_FT, .joint_values = piece.points[i].joint_values});
     }
-    std::vector<double> deviations(piece.lines.size(), 0.0);
+    std::vector<LineDeviation> deviations(piece.lines.size());
     parallel_for(deviations.size(), 0, [&](std::size_t i) {
       if (ends[i].joint_values.size() > 0) {  // there is no line to the first point
         deviations[i] = line_deviation(compensator_, frames_.X_FT, ends[i], ends[i + 1]);
       }
     });
-    summary_.add_lines(deviations, label);
+    summary_.add_lines(deviations, *arguments_.linear * 1e-3, label);
     last_ = ends.back();
   }
 
@@ -338,6 +336,7 @@ ExitStatus run(const CompensateArguments& arguments) {
          .external_axes = arguments.external_axes,
          .near = arguments.near,
          .circumstances = arguments.circumstances,
+         .line_tolerance = arguments.linear ? *arguments.linear * 1e-3 : kLineTolerance,
          .options = {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first},
          .output = arguments.output,
          .predict = arguments.predict,
@@ -431,9 +430,12 @@ Subcommand add_compensate(CLI::App& parser) {
       ->capture_default_str();
   app->add_flag("--position-first", arguments->position_first,
                 "Where a joint is held at a bound, keep the position exact at the cost of the orientation");
-  app->add_flag("--linear", arguments->linear,
-                "The tool moves straight from row to row: warn where the line is off by more than 0.1 mm")
-      ->excludes(program);
+  app->add_option("--linear", arguments->linear,
+                  "Warn where the tool leaves a straight line by more than this: from row to row, or of --program")
+      ->type_name("MM")
+      ->check(number_between(1e-3, 1e3, "millimetres from 0.001 to 1000"))
+      ->expected(0, 1)
+      ->default_str("0.1");
   add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
   add_file(*app, "--predict", arguments->predict,
            "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %");

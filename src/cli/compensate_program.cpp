@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
 #include "base/sha256.hpp"
@@ -175,11 +176,18 @@ std::string record_of(const ProgramArguments& arguments, const CompensatedProgra
     paths.push_back({{"line", path.line},
                      {"from", path.from},
                      {"to", path.to},
-                     {"deviation", std::isfinite(path.deviation) ? Json(path.deviation) : Json()}});
+                     {"deviation", finite_or_null(path.deviation.position)},
+                     {"orientation_deviation", finite_or_null(path.deviation.orientation)}});
   }
   const Json rest = {{"result_sha256", sha256_of_file(arguments.result)},
                      {"program_sha256", hashes.size() == 1 ? hashes.front() : hashes},
                      {"largest_rounding", program.rounding},
+                     {"lines",
+                      {{"tried", program.lines},
+                       {"tolerance", arguments.line_tolerance},
+                       {"above_tolerance", program.paths.size()},
+                       {"largest_deviation", finite_or_null(program.largest_deviation.position)},
+                       {"largest_orientation_deviation", finite_or_null(program.largest_deviation.orientation)}}},
                      {"paths", paths},
                      {"warnings", program.warnings}};
   std::string text = json_text(rest);
@@ -232,7 +240,29 @@ void write_predictions(const CompensatedProgram& program, const CalibratedArm& a
   });
 }
 
-std::vector<std::string> warnings_of(const CompensatedProgram& program, const CompensationSummary& summary) {
+// The worst line, and those that follow.
+std::string warning_of_lines(const CompensatedProgram& program, double tolerance) {
+  constexpr std::size_t kMostLines = 10;
+  const PathDeviation& worst = program.paths.front();
+  const LineDeviation& off = worst.deviation;
+  std::string text = fmt::format("{}:{}: from {} to {} {}", worst.source, worst.line, worst.from, worst.to,
+                                 std::isfinite(off.position)
+                                     ? fmt::format("the tool leaves the straight line by {} mm and {} deg",
+                                                   fixed(off.position * 1e3, 3), fixed(off.orientation / kDegree, 3))
+                                     : "the controller cannot move the tool straight");
+  text += fmt::format("; {} of {} straight lines are off by more than {} mm", program.paths.size(), program.lines,
+                      shortest(tolerance * 1e3));
+  for (std::size_t i = 1; i < std::min(kMostLines, program.paths.size()); ++i) {
+    text += (i == 1 ? ", next those in lines " : ", ") + std::to_string(program.paths[i].line);
+  }
+  if (program.paths.size() > kMostLines) {
+    text += fmt::format(" and {} more", program.paths.size() - kMostLines);
+  }
+  return text + ": more positions help";
+}
+
+std::vector<std::string> warnings_of(const CompensatedProgram& program, const CompensationSummary& summary,
+                                     double tolerance) {
   std::vector<std::string> warnings = program.warnings;
   if (program.positions.empty()) {
     warnings.emplace_back("no point of the program is compensated");
@@ -240,11 +270,8 @@ std::vector<std::string> warnings_of(const CompensatedProgram& program, const Co
   for (const std::string& each : summary.warnings()) {
     warnings.push_back(each);
   }
-  for (const PathDeviation& path : program.paths) {
-    warnings.push_back(fmt::format(
-        "{}:{}: from {} to {} the tool leaves the asked path by {}: more positions help", path.source, path.line,
-        path.from, path.to,
-        std::isfinite(path.deviation) ? fixed(path.deviation * 1e3, 3) + " mm" : "more than can be followed"));
+  if (!program.paths.empty()) {
+    warnings.push_back(warning_of_lines(program, tolerance));
   }
   return warnings;
 }
@@ -275,10 +302,11 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
     near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});
   }
   const Compensator compensator(calibration, options);
-  CompensatedProgram program = compensated_program(
-      {.robot = robot, .compensator = compensator, .controller = controller, .language = *language}, texts, near);
+  CompensatedProgram program =
+      compensated_program({.robot = robot, .compensator = compensator, .controller = controller, .language = *language},
+                          texts, near, arguments.line_tolerance);
   const CompensationSummary summary = summary_of(program, robot, calibration.arm());
-  const std::vector<std::string> warnings = warnings_of(program, summary);
+  const std::vector<std::string> warnings = warnings_of(program, summary, arguments.line_tolerance);
   const std::string record = record_of(arguments, program);
   for (std::size_t i = 0; i < program.texts.size(); ++i) {
     files[i].text = std::move(program.texts[i]);

@@ -8,6 +8,7 @@
 #include "cli/subcommands.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
+#include "programs/compensated_program.hpp"
 
 namespace kdl_calibration::cli {
 
@@ -22,6 +23,7 @@ struct ProgramArguments {
   std::vector<std::string> external_axes;  ///< such as "E1=rail"
   std::vector<std::string> near;           ///< joint values from which the program starts, or empty
   Circumstances circumstances;
+  double line_tolerance;                   ///< [m]
   CompensationOptions options;
   std::string output;
   std::string predict;  ///< may be empty

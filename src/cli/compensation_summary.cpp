@@ -24,7 +24,6 @@ using Eigen::Index;
 constexpr std::array kStatuses = {CompensationStatus::exact, CompensationStatus::position_only,
                                   CompensationStatus::unreachable, CompensationStatus::out_of_limits,
                                   CompensationStatus::branch_changed};
-constexpr double kBentLine = 1e-4;         // [m] deviation of a straight line that is worth a warning
 constexpr double kUndetermined = 0.05e-3;  // [m] motion by undetermined parameters, for 1 mm or 1 mrad of each
 
 bool lies_in(const JointRanges& ranges, const CompensatedJoints& q) {
@@ -59,6 +58,8 @@ std::string prediction_row(const CalibratedArm& arm, const std::string& label, c
   }
   return row + (outside ? ",true\n" : ",false\n");
 }
+
+Json finite_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
 CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm)
     : robot_(robot), arm_(arm), changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
@@ -107,14 +108,16 @@ void CompensationSummary::add(std::span<const CompensatedPoint> points, std::spa
   }
 }
 
-void CompensationSummary::add_lines(std::span<const double> deviations, const PointLabel& label) {
-  with_lines_ = true;
+void CompensationSummary::add_lines(std::span<const LineDeviation> deviations, double tolerance,
+                                    const PointLabel& label) {
+  tolerance_ = tolerance;
   for (std::size_t i = 0; i < deviations.size(); ++i) {
-    bent_lines_ += deviations[i] > kBentLine ? 1U : 0U;
-    if (deviations[i] > deviation_) {
-      deviation_ = deviations[i];
+    bent_lines_ += deviations[i].position > tolerance ? 1U : 0U;
+    if (deviations[i].position > deviation_.position) {
       most_bent_ = label(i);
     }
+    deviation_.position = std::max(deviation_.position, deviations[i].position);
+    deviation_.orientation = std::max(deviation_.orientation, deviations[i].orientation);
   }
 }
 
@@ -128,9 +131,10 @@ std::vector<std::string> CompensationSummary::warnings() const {
   }
   if (bent_lines_ > 0) {
     result.push_back(fmt::format(
-        "{} of {} straight lines are off by more than 0.1 mm, that to configuration {} {}: add points between",
-        bent_lines_, points_ - 1, shown(most_bent_),
-        std::isfinite(deviation_) ? "by " + fixed(deviation_ * 1e3, 3) + " mm" : "cannot be followed"));
+        "{} of {} straight lines are off by more than {} mm, that to configuration {} {}: add points between",
+        bent_lines_, points_ - 1, shortest(*tolerance_ * 1e3), shown(most_bent_),
+        std::isfinite(deviation_.position) ? "by " + fixed(deviation_.position * 1e3, 3) + " mm"
+                                           : "cannot be followed"));
   }
   return result;
 }
@@ -161,9 +165,11 @@ Json CompensationSummary::json() const {
                {"largest_orientation_error", orientation_error_},
                {"outside", outside_},
                {"not_exact", inexact}};
-  if (with_lines_) {
-    json["lines"] = {{"largest_deviation", std::isfinite(deviation_) ? Json(deviation_) : Json()},
+  if (tolerance_) {
+    json["lines"] = {{"largest_deviation", finite_or_null(deviation_.position)},
+                     {"largest_orientation_deviation", finite_or_null(deviation_.orientation)},
                      {"to", most_bent_},
+                     {"tolerance", *tolerance_},
                      {"above_limit", bent_lines_}};
   }
   return json;

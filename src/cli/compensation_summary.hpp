@@ -4,12 +4,14 @@
 #include <array>
 #include <cstddef>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "cli/frames.hpp"
+#include "interface/compensated_line.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -26,6 +28,9 @@ inline constexpr std::string_view kPredictionHeader =
 /// The row of a point, for its least certain target.
 std::string prediction_row(const CalibratedArm& arm, const std::string& label, const CompensatedPoint& point);
 
+/// null for what is infinite.
+Json finite_or_null(double value);
+
 /// What became of the points of a program. Keeps references. Its memory does not grow with their number.
 class CompensationSummary {
 public:
@@ -34,8 +39,8 @@ public:
   /// The next points, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
   /// pose depends on parameters that were not determined.
   void add(std::span<const CompensatedPoint> points, std::span<const double> corrections, const PointLabel& label);
-  /// How far [m] the straight line to each of these points is from the asked one.
-  void add_lines(std::span<const double> deviations, const PointLabel& label);
+  /// How far the tool leaves the straight line to each of these points; `tolerance` [m] for warnings.
+  void add_lines(std::span<const LineDeviation> deviations, double tolerance, const PointLabel& label);
 
   std::size_t points() const { return points_; }
   bool is_exact() const { return count_[0] == points_; }
@@ -76,9 +81,9 @@ private:
   std::size_t spacing_ = 1;  // of the samples
   std::size_t outside_ = 0;
   std::string first_outside_;
-  bool with_lines_ = false;
+  std::optional<double> tolerance_;  // of lines
   std::size_t bent_lines_ = 0;
-  double deviation_ = 0.0;
+  LineDeviation deviation_;
   std::string most_bent_;  // where the line ends
 };
 

@@ -14,10 +14,15 @@ struct LineEnd {
   CompensatedJoints joint_values;  ///< that are commanded for it
 };
 
-/// [m] The largest distance, at seven points between two ends, of the tool from the asked line, if the controller moves
-/// it straight between the commanded ends. Infinite if one of the points on the line is not reached.
-/// `X_FT`: the tool on the flange. Orientations turn evenly about one axis.
-double line_deviation(const Compensator& compensator, const Eigen::Isometry3d& X_FT, const LineEnd& from,
-                      const LineEnd& to);
+/// How far the tool leaves a straight line between its ends at most; infinite where it cannot be followed.
+struct LineDeviation {
+  double position = 0.0;     ///< [m] from the line
+  double orientation = 0.0;  ///< [rad] from the asked orientation, which turns evenly about one axis
+};
+
+/// Of the calibrated arm, if the controller moves the tool of the nominal arm straight between the commanded ends. The
+/// path is tried every 20 mm and 2 degrees, in at most 100 places. `X_FT`: the tool on the flange.
+LineDeviation line_deviation(const Compensator& compensator, const Eigen::Isometry3d& X_FT, const LineEnd& from,
+                             const LineEnd& to);
 
 }  // namespace kdl_calibration

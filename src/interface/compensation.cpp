@@ -254,6 +254,9 @@ bool changes_branch(const Columns& before, const Columns& after) {
   return sign(before) != sign(after);
 }
 
+// Changes without bounds.
+JointVector anywhere(Index joints) { return JointVector::Constant(joints, std::numeric_limits<double>::infinity()); }
+
 // The pose with an exact rotation.
 Isometry3d rigid_pose(const Isometry3d& X_BF) {
   require_finite("an asked pose", X_BF.matrix().allFinite());
@@ -476,8 +479,7 @@ CompensatedPoint Compensator::solve(const Eigen::Ref<const Eigen::VectorXd>& q_n
 CompensatedPoint Compensator::solve(const Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const {
   const JointVector u = parts_->independent(seed);
   const Isometry3d asked = rigid_pose(X_BF);
-  const JointVector anywhere = JointVector::Constant(u.size(), std::numeric_limits<double>::infinity());
-  const CompensatedPoint nominal = parts_->solve(parts_->nominal, asked, u, anywhere);
+  const CompensatedPoint nominal = parts_->solve(parts_->nominal, asked, u, anywhere(u.size()));
   return parts_->solve(parts_->calibrated, asked, parts_->independent(nominal.joint_values), parts_->most_change);
 }
 
@@ -527,6 +529,18 @@ double Compensator::spread_of_ways(const Isometry3d& X_BF) const {
 Isometry3d Compensator::nominal_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const {
   require_joint_values(q, parts_->joints);
   return parts_->nominal.flange_pose(q);
+}
+
+std::optional<CompensatedJoints> Compensator::nominal_joint_values(
+    const Isometry3d& X_BF, const Eigen::Ref<const Eigen::VectorXd>& seed) const {
+  const JointVector u = parts_->independent(seed);
+  const CompensatedPoint nominal = parts_->solve(parts_->nominal, rigid_pose(X_BF), u, anywhere(u.size()));
+  return nominal.status == CompensationStatus::exact ? std::optional(nominal.joint_values) : std::nullopt;
+}
+
+Isometry3d Compensator::calibrated_pose(const Eigen::Ref<const Eigen::VectorXd>& q) const {
+  require_joint_values(q, parts_->joints);
+  return parts_->calibrated.flange_pose(q);
 }
 
 }  // namespace kdl_calibration

@@ -199,29 +199,47 @@ void remark_close_choices(const PointCompensation& compensation, const std::vect
   }
 }
 
-std::vector<PathDeviation> path_deviations(const PointCompensation& compensation, const Program& program,
-                                           const std::vector<CompensatedPosition>& positions,
-                                           const std::vector<ProgramText>& texts) {
-  constexpr double kNoticeable = 1e-4;  // [m]
-  const std::vector<Segment> segments = segments_of(program);
-  std::vector<double> found(segments.size());
+void check_lines(const PointCompensation& compensation, const Program& program, const std::vector<ProgramText>& texts,
+                 double tolerance, CompensatedProgram& result) {
+  std::vector<Segment> segments = segments_of(program);
+  std::erase_if(segments, [](const Segment& segment) { return segment.motion->is_curved; });
+  std::vector<LineDeviation> found(segments.size());
   parallel_for(segments.size(), 0, [&](std::size_t i) {
-    found[i] =
-        compensation.deviation(positions[segments[i].from], positions[segments[i].to], program.points[segments[i].to]);
+    found[i] = compensation.deviation(result.positions[segments[i].from], result.positions[segments[i].to],
+                                      program.points[segments[i].to]);
   });
-  std::vector<PathDeviation> deviations;
+  result.lines = segments.size();
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    if (found[i] > kNoticeable) {
-      deviations.push_back({.source = texts[segments[i].motion->file].source,
-                            .line = segments[i].motion->line,
-                            .from = program.points[segments[i].from].name,
-                            .to = program.points[segments[i].to].name,
-                            .deviation = found[i]});
+    LineDeviation& largest = result.largest_deviation;
+    largest.position = std::max(largest.position, found[i].position);
+    largest.orientation = std::max(largest.orientation, found[i].orientation);
+    if (found[i].position > tolerance) {
+      result.paths.push_back({.source = texts[segments[i].motion->file].source,
+                              .line = segments[i].motion->line,
+                              .from = program.points[segments[i].from].name,
+                              .to = program.points[segments[i].to].name,
+                              .deviation = found[i]});
     }
   }
-  std::stable_sort(deviations.begin(), deviations.end(),
-                   [](const PathDeviation& a, const PathDeviation& b) { return a.deviation > b.deviation; });
-  return deviations;
+  std::stable_sort(result.paths.begin(), result.paths.end(), [](const PathDeviation& a, const PathDeviation& b) {
+    return a.deviation.position > b.deviation.position;
+  });
+}
+
+// What is between the points of a circle the text does not say alone: makers turn the tool along it in several ways.
+void remark_curves(Program& program) {
+  std::map<std::size_t, std::vector<std::size_t>> lines;  // of each file
+  for (const ProgramMotion& motion : program.motions) {
+    if (motion.is_curved && motion.is_known) {
+      lines[motion.file].push_back(motion.line);
+    }
+  }
+  for (auto& [file, of_file] : lines) {
+    add_remark(program.remarks,
+               "moves along a circle or spline: its points are compensated, how far the tool leaves it between them is "
+               "not computed",
+               std::move(of_file), file);
+  }
 }
 
 // "IN.LS:3: Offset moves ... (also in lines 5, 8 and 12 more)"
@@ -271,7 +289,7 @@ std::string rewritten(const ProgramText& text, std::size_t file, const Program& 
 }  // namespace
 
 CompensatedProgram compensated_program(const ProgramSetup& setup, const std::vector<ProgramText>& texts,
-                                       const CompensatedJoints& near) {
+                                       const CompensatedJoints& near, double line_tolerance) {
   Program program = setup.language.parse(texts);
   leave_out_resting_axes(program, setup.controller);
   leave_out_moving_frames(program, setup.controller.frames);
@@ -281,15 +299,16 @@ CompensatedProgram compensated_program(const ProgramSetup& setup, const std::vec
   InOrder(compensation, program, positions, near).compensate();
   remark_other_branches(compensation, positions, program);
   remark_close_choices(compensation, positions, program);
+  remark_curves(program);
   CompensatedProgram result;
   for (std::size_t file = 0; file < texts.size(); ++file) {
     result.texts.push_back(rewritten(texts[file], file, program, positions, setup.language));
   }
-  result.paths = path_deviations(compensation, program, positions, texts);
   for (const CompensatedPosition& position : positions) {
     result.rounding = std::max(result.rounding, position.rounding);
   }
   result.positions = std::move(positions);
+  check_lines(compensation, program, texts, line_tolerance, result);
   std::stable_sort(program.remarks.begin(), program.remarks.end(), [](const ProgramRemark& a, const ProgramRemark& b) {
     return std::pair(a.file, a.lines.front()) < std::pair(b.file, b.lines.front());
   });

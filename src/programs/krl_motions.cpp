@@ -17,6 +17,7 @@ using Kind = FrameInForce::Kind;
 struct MotionWord {
   bool is_straight = false;
   bool is_circle = false;
+  bool is_spline = false;
   bool is_increment = false;
 };
 
@@ -26,7 +27,7 @@ const MotionWord* motion_word(const std::string& word) {
       {"SPTP", {}},
       {"LIN", {.is_straight = true}},
       {"SLIN", {.is_straight = true}},
-      {"SPL", {.is_straight = true}},
+      {"SPL", {.is_straight = true, .is_spline = true}},
       {"CIRC", {.is_straight = true, .is_circle = true}},
       {"SCIRC", {.is_straight = true, .is_circle = true}},
       {"PTP_REL", {.is_increment = true}},
@@ -138,7 +139,11 @@ void MotionReader::motion(std::string_view word, const MotionWord& kind, std::st
     note(Note::circle_angle);
   }
   for (std::size_t i = 0; i < count; ++i) {
-    ReadMotion motion{.place = place_, .is_straight = kind.is_straight, .symbol = {}, .inline_point = {}};
+    ReadMotion motion{.place = place_,
+                      .is_straight = kind.is_straight,
+                      .is_curved = kind.is_circle || kind.is_spline,
+                      .symbol = {},
+                      .inline_point = {}};
     if (kind.is_increment) {
       motion.is_known = false;
       result_.motions.push_back(motion);

@@ -33,6 +33,7 @@ struct InlinePoint {
 struct ReadMotion {
   Place place;
   bool is_straight = false;
+  bool is_curved = false;
   bool is_known = true;
   std::optional<std::size_t> symbol;        ///< of its end
   std::optional<std::size_t> inline_point;  ///< of its end

@@ -176,6 +176,7 @@ Program parse(const std::vector<ProgramText>& texts) {
     program.motions.push_back({.file = motion.place.file,
                                .line = motion.place.line,
                                .is_straight = motion.is_straight,
+                               .is_curved = motion.is_curved,
                                .point = point,
                                .is_known = motion.is_known && point.has_value()});
   }

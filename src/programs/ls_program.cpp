@@ -221,7 +221,10 @@ private:
   void add_motion(char kind, std::string_view place, std::size_t line) {
     place = without_mark(place);
     const RunTimeWord* unknown = run_time_word(WordPlace::target, place);
-    LsMotion motion{.motion = {.line = line, .is_straight = kind != 'J', .is_known = unknown == nullptr}};
+    LsMotion motion{.motion = {.line = line,
+                               .is_straight = kind != 'J',
+                               .is_curved = kind != 'J' && kind != 'L',
+                               .is_known = unknown == nullptr}};
     int number = 0;
     const char* digits = place.data() + 2;
     if (place.starts_with("P[") && std::from_chars(digits, place.data() + place.size(), number).ptr != digits) {

@@ -6,7 +6,6 @@
 #include <limits>
 #include <numbers>
 
-#include "interface/compensated_line.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -113,8 +112,8 @@ CompensatedPosition PointCompensation::compensate(ProgramPoint& point, const App
   return position;
 }
 
-double PointCompensation::deviation(const CompensatedPosition& from, const CompensatedPosition& to,
-                                    const ProgramPoint& end) const {
+LineDeviation PointCompensation::deviation(const CompensatedPosition& from, const CompensatedPosition& to,
+                                           const ProgramPoint& end) const {
   const Isometry3d X_FT = controller_.X_FP * tool_frame(end).value_or(Isometry3d::Identity());
   const auto line_end = [&](const CompensatedPosition& position) {
     return LineEnd{.X_BT = compensator_.nominal_pose(position.asked()) * X_FT,

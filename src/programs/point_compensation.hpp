@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "interface/compensated_line.hpp"
 #include "kdl_calibration/compensation.hpp"
 #include "kdl_calibration/robot.hpp"
 #include "programs/carrier.hpp"
@@ -86,8 +87,9 @@ public:
     return !arm_ || stays_in_branch(a.asked(), b.asked());
   }
 
-  /// [m] of the tool from the asked straight line between two points.
-  double deviation(const CompensatedPosition& from, const CompensatedPosition& to, const ProgramPoint& end) const;
+  /// Of the tool from the asked straight line between two points.
+  LineDeviation deviation(const CompensatedPosition& from, const CompensatedPosition& to,
+                          const ProgramPoint& end) const;
 
 private:
   [[noreturn]] void fail(const ProgramPoint& point, const std::string& what) const;

@@ -68,6 +68,7 @@ struct ProgramMotion {
   std::size_t file = 0;
   std::size_t line = 0;
   bool is_straight = false;          ///< the tool moves along a path; else the joints move
+  bool is_curved = false;            ///< that path is a circle or a spline
   std::optional<std::size_t> point;  ///< index of its end; none where that is known at run time only
   bool is_known = true;              ///< ends in its point, on a path that the program states
 };

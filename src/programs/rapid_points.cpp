@@ -199,6 +199,7 @@ void ProgramBuilder::motion(const Instruction& at, const MotionKind& kind) {
       program_.motions.push_back({.file = at.file,
                                   .line = at.line,
                                   .is_straight = kind.is_straight,
+                                  .is_curved = kind.targets == 2,
                                   .point = place,  // its place until add_points
                                   .is_known = is_known && place});
     }

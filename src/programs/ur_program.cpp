@@ -217,7 +217,7 @@ private:
   }
 
   void add_motion(const MotionWord& word, Span target, std::size_t at) {
-    ProgramMotion motion{.line = text_.line(at), .is_straight = word.is_straight};
+    ProgramMotion motion{.line = text_.line(at), .is_straight = word.is_straight, .is_curved = word.targets == 2};
     Span near;
     if (text_.in(target).starts_with("get_inverse_kin")) {
       const std::optional<std::vector<Span>> inside =

@@ -62,7 +62,6 @@ TEST_F(ProgramFiles, OfACompensatedProgramAndAnotherRobotAreRefused) {
   again[6] = "OUT2.LS";
   expect_refused(again, {"OUT.LS", "compensated already"});
   expect_refused(kCompensate, {"OUT.LS", "--force"});
-  expect_refused(kCompensate + Words{"--force", "--linear"}, {"--linear", "--program"});
   // The tip of another chain: the bundled controller has other frames.
   std::string urdf = fanuc().urdf;
   urdf.replace(urdf.find("</robot>"), 8,
@@ -74,6 +73,36 @@ TEST_F(ProgramFiles, OfACompensatedProgramAndAnotherRobotAreRefused) {
   other[2] = "o.json";
   expect_refused(other, {"other.urdf", "--controller"});
   EXPECT_EQ(run(other + Words{"--controller", kController}).status, 0);
+}
+
+TEST_F(ProgramFiles, SayWhichStraightLinesTheToolLeaves) {
+  const auto position = [](int number, int first) {
+    return fmt::format(
+        "P[{}]{{\n GP1:\n UF : 0, UT : 0,\n J1={} deg, J2=-20 deg, J3=-10 deg,\n J4=20 deg, J5=-60 deg, "
+        "J6=30 deg\n}};\n",
+        number, first);
+  };
+  write(
+      "IN.LS",
+      "/PROG  T\n/MN\n   1:J P[1] 9% FINE    ;\n   2:L P[2] 9mm/sec FINE    ;\n   3:L P[1] 9mm/sec FINE    ;\n/POS\n" +
+          position(1, -40) + position(2, 40) + "/END\n");
+  const Outcome fine = run(kCompensate + Words{"--linear=0.001"});
+  EXPECT_EQ(fine.status, 0) << fine.err;
+  EXPECT_THAT(fine.err,
+              AllOf(HasSubstr("the tool leaves the straight line by "),
+                    HasSubstr("; 2 of 2 straight lines are off by more than 0.001 mm, next those in lines ")));
+  const Json json = Json::parse(fine.out);
+  EXPECT_EQ(json["lines"]["tried"], 2);
+  EXPECT_EQ(json["lines"]["above_tolerance"], 2);
+  EXPECT_EQ(json["lines"]["tolerance"], 1e-6);
+  ASSERT_EQ(json["paths"].size(), 2U);
+  EXPECT_EQ(json["paths"][0]["deviation"], json["lines"]["largest_deviation"]);
+  EXPECT_GE(json["paths"][0]["deviation"], json["paths"][1]["deviation"]);
+  const Outcome coarse = run(kCompensate + Words{"--force", "--linear=1000"});
+  EXPECT_EQ(coarse.err.find("straight line"), std::string::npos) << coarse.err;
+  EXPECT_EQ(Json::parse(coarse.out)["lines"]["largest_deviation"], json["lines"]["largest_deviation"]);
+  EXPECT_EQ(run_json(kCompensate + Words{"--force"}), run_json(kCompensate + Words{"--force", "--linear"}));
+  expect_refused(kCompensate + Words{"--force", "--linear=0"}, {"--linear", "0.001 to 1000"});
 }
 
 TEST_F(ProgramFiles, WithAnExternalAxisNeedItsJoint) {

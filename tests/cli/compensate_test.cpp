@@ -291,6 +291,9 @@ TEST_F(Compensate, SaysHowFarStraightLinesAreOff) {
   const double off =
       (calibration().arm().flange_pose(q).translation() - middle(at(asked, 1), at(asked, 2)).translation()).norm();
   EXPECT_GT(off, 1e-4);
+  const Outcome coarse = run(kCompensate + Words{"--linear=1000", "--json", "--force"});
+  EXPECT_EQ(coarse.err.find("straight lines"), std::string::npos);
+  EXPECT_EQ(Json::parse(coarse.out)["lines"]["tolerance"], 1.0);
   EXPECT_NEAR(lines["largest_deviation"].get<double>(), off, 0.1 * off);
   write("p.csv",
         "joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n0.1,-0.2,0.3,0.4,0.5,0.6\n"

@@ -594,7 +594,7 @@ TEST(ExternalAxes, MoveEvenlyAlongAPath) {
   EXPECT_EQ(compensated_on_rail(bent_on_rail(0.0), text).texts.front(), text);
   const CompensatedProgram result = compensated_on_rail(bent_on_rail(3e-3), text);
   ASSERT_THAT(result.paths, SizeIs(1));
-  EXPECT_LT(result.paths.front().deviation, 0.02);
+  EXPECT_LT(result.paths.front().deviation.position, 0.02);
 }
 
 // The same places, with axes that count the other way.
