@@ -6,11 +6,9 @@
 #include <utility>
 
 #include "base/decompositions.hpp"
-#include "base/distributions.hpp"
 #include "estimation/least_squares.hpp"
 #include "estimation/scaled_solver.hpp"
 #include "measurements/readings.hpp"
-#include "measurements/stations.hpp"
 
 namespace kdl_calibration {
 
@@ -32,22 +30,6 @@ using Zeros = MatrixXd;
 
 Zeros one_of_all(const Measurements& measurements) {
   return MatrixXd::Ones(static_cast<Index>(measurements.stations.size()), 1);
-}
-
-Zeros one_of_each(const Measurements& measurements) {
-  std::vector<bool> measures(measurements.stations.size(), false);
-  for (const Observation& row : measurements.observations) {
-    measures[station_of(row)] = measures[station_of(row)] || is_distance(row);
-  }
-  const auto stations = static_cast<Index>(measures.size());
-  Zeros result = MatrixXd::Zero(stations, std::count(measures.begin(), measures.end(), true));
-  Index column = 0;
-  for (Index station = 0; station < stations; ++station) {
-    if (measures[static_cast<std::size_t>(station)]) {
-      result(station, column++) = 1.0;
-    }
-  }
-  return result;
 }
 
 std::vector<double> listed(const VectorXd& zeros) { return {zeros.begin(), zeros.end()}; }
@@ -122,17 +104,6 @@ std::optional<ZeroStep> found_zeros(const FitProblem& rigid, const Zeros& zeros)
   return result;
 }
 
-// Whether the zeros of the stations differ beyond chance (F test of their deviations from the weighted mean).
-bool differ(const ZeroStep& each) {
-  constexpr double kByChance = 1e-3;
-  const Index count = each.lengths.size();
-  const MatrixXd weights = each.covariance.inverse();
-  const double mean = weights.colwise().sum().dot(each.lengths) / weights.sum();
-  const VectorXd off = each.lengths.array() - mean;
-  const auto freedom = static_cast<double>(count - 1);
-  return f_upper_tail(off.dot(weights * off) / freedom, freedom, each.freedom) < kByChance;
-}
-
 }  // namespace
 
 std::vector<double> DistanceZero::at_stations(std::size_t count) const {
@@ -143,13 +114,6 @@ std::optional<DistanceZero> zero_of_distances(const FitProblem& rigid) {
   constexpr double kCertain = 3.0;
   if (!has_measured_distances(rigid.measurements)) {
     return std::nullopt;
-  }
-  if (const Zeros zeros = one_of_each(rigid.measurements); zeros.cols() > 1) {
-    const std::optional<ZeroStep> each = found_zeros(rigid, zeros);
-    if (each && differ(*each)) {
-      return DistanceZero{.of_stations = listed(zeros * each->lengths),
-                          .covariance = zeros * each->covariance * zeros.transpose()};
-    }
   }
   const std::optional<ZeroStep> found = found_zeros(rigid, one_of_all(rigid.measurements));
   if (!found) {

@@ -10,7 +10,6 @@
 #include "interface/calibration_parts.hpp"
 #include "interface/ways_to_measure.hpp"
 #include "kdl_calibration/calibrate.hpp"
-#include "measurements/stations.hpp"
 
 namespace kdl_calibration::distance_zero_test {
 namespace {
@@ -79,29 +78,6 @@ TEST(DistanceZero, ThatIsNotSignificantIsUncertainByWhatWasFound) {
     largest = std::max(largest, std::abs(found) / with.sigma);
   }
   EXPECT_GT(largest, 0.7);  // else both would be alike
-}
-
-// Known to the test alone: one of two instruments counts from elsewhere.
-TEST(DistanceZero, IsOneForEachStationWhereTheyDiffer) {
-  testing::Distances experiment(4);
-  Measurements rows = experiment.measured(3, false, 120, testing::kNoise);
-  const std::vector<double> zeros = {0.0, 0.003, -0.002};
-  for (Observation& row : rows.observations) {
-    std::get<Distance>(row.reading).length += zeros[station_of(row)];
-  }
-  const Calibration found = calibrate(testing::bundled_robot(), rows, testing::geometry_alone());
-  EXPECT_TRUE(found.trusted());
-  const DistanceZero& zero = zero_of(found);
-  ASSERT_EQ(zero.of_stations.size(), 3U);
-  for (std::size_t station = 0; station < 3; ++station) {
-    const auto place = static_cast<Eigen::Index>(station);
-    const double sigma = std::sqrt(zero.covariance(place, place));
-    EXPECT_NEAR(zero.of_stations[station], zeros[station], 4.0 * sigma) << station;
-    EXPECT_LT(sigma, 2e-4);
-  }
-  EXPECT_LT(testing::distance_from_truth(found, experiment), 4.0 * testing::kNoise);
-  EXPECT_THAT(found.warnings(), Contains(HasSubstr("all distances of station 'A2' are ")));
-  EXPECT_THAT(found.warnings(), ::testing::Not(Contains(HasSubstr("all distances of station 'A1'"))));
 }
 
 // Right distances keep their lengths; points, and the length of a bar that is stated, have no zero.
