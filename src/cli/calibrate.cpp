@@ -475,7 +475,7 @@ void add_groups(CLI::App& app) {
       {"--output", "--result", "--residuals", "--covariance", "--report", "--note", "--details", "--json", "--force"});
   add_group(app, "Model",
             {"--method", "--iterations", "--model", "--fix", "--free", "--keep-axes", "--prior", "--prior-length",
-              "--prior-angle", "--prior-result", "--effects", "--gravity-direction", "--payload-centre"});
+             "--prior-angle", "--prior-result", "--effects", "--gravity-direction", "--payload-centre"});
   add_group(app, "Noise",
             {"--loss", "--noise", "--noise-independent", "--noise-common", "--noise-tracker", "--orientation-sigma",
              "--scale-sigma", "--length-sigma"});

@@ -23,7 +23,7 @@ struct ProgramArguments {
   std::vector<std::string> external_axes;  ///< such as "E1=rail"
   std::vector<std::string> near;           ///< joint values from which the program starts, or empty
   Circumstances circumstances;
-  double line_tolerance;                   ///< [m]
+  double line_tolerance;  ///< [m]
   CompensationOptions options;
   std::string output;
   std::string predict;  ///< may be empty

@@ -1,4 +1,5 @@
 #include <fmt/core.h>
+#include <cmath>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <memory>
 #include <numbers>
@@ -12,6 +13,7 @@
 #include "cli/text.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/calibration.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "results/calibrated_urdf.hpp"
 #include "results/saved_calibration.hpp"
 
@@ -105,6 +107,10 @@ ExitStatus run(const FkArguments& arguments) {
   const auto& [robot_arguments, joints, result, as_json] = arguments.arm;
   Robot robot = load(robot_arguments);
   Eigen::VectorXd q = joint_values(robot, joints);
+  const auto& [temperature, payload] = arguments.circumstances;
+  if (result.empty() && !(std::isnan(temperature) && std::isnan(payload))) {
+    throw InputError("--temperature and --payload are of a calibrated arm, expected --result beside them");
+  }
   if (!result.empty()) {
     ArmKinematics arm = calibrated(robot, arguments, q);
     robot = std::move(arm.robot);

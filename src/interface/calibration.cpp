@@ -9,6 +9,7 @@
 #include "base/text.hpp"
 #include "calibration/calibrate.hpp"
 #include "calibration/new_point.hpp"
+#include "effects/joint_effects.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -229,8 +230,29 @@ KeptAxes kept_axes(const CalibrationOptions& options) {
 
 }  // namespace
 
+void require_circumstances(const Measurements& measurements, const std::vector<EffectTerm>& effects) {
+  for (const Circumstance circumstance : {Circumstance::temperature, Circumstance::payload}) {
+    const auto depends = [&](const EffectTerm& term) { return needed_circumstance(term.group()) == circumstance; };
+    const bool stated = is_stated(measurements.signals, circumstance);
+    if (!stated && std::any_of(effects.begin(), effects.end(), depends)) {
+      throw InputError(measurements.source + ": no " + to_string(circumstance) +
+                       ", expected the column that the effects of the result depend on");
+    }
+    for (std::size_t c = 0; stated && c < measurements.configurations.size(); ++c) {
+      const double value =
+          measurements.signals.circumstances(static_cast<Eigen::Index>(circumstance), static_cast<Eigen::Index>(c));
+      if (std::isnan(value)) {
+        throw InputError(measurements.source + ": configuration " + shown(measurements.configurations[c]) + " has no " +
+                         to_string(circumstance) + ", expected one in each configuration or in none");
+      }
+    }
+  }
+}
+
 CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
   require_as_parsed(robot);
+  require_circumstances(measurements, options.priors.earlier != nullptr ? options.priors.earlier->parts().model.effects
+                                                                        : std::vector<EffectTerm>());
   const KeptAxes kept = kept_axes(options);
   ErrorModel model = complete_model(robot, kept);
   model.gravity = unit_vector(options.effects.gravity_direction);
@@ -251,6 +273,8 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
   if (kept != KeptAxes::none) {
     ErrorModel free = complete_model(robot);
     free.gravity = model.gravity;
+    free.payload_centre = model.payload_centre;
+    free.circumstances = model.circumstances;
     result.free_axes = with_free_axes(free, measurements, settings);
   }
   return result;

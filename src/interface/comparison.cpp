@@ -362,6 +362,18 @@ void add_flange(const Differences& found, Comparison& result) {
   result.flange_sigma = std::sqrt(result.misfit_factor * variance / static_cast<double>(distances.size()));
 }
 
+// Both arms at the mean of their temperatures and payloads, or at those of the one that states any.
+std::pair<CalibrationParts, CalibrationParts> in_the_same_circumstances(CalibrationParts before,
+                                                                        CalibrationParts after) {
+  for (double Circumstances::*const member : {&Circumstances::temperature, &Circumstances::payload}) {
+    double& first = before.model.circumstances.*member;
+    double& second = after.model.circumstances.*member;
+    first = std::isnan(first) ? second : std::isnan(second) ? first : 0.5 * (first + second);
+    second = first;
+  }
+  return {std::move(before), std::move(after)};
+}
+
 bool is_same(const std::string& hash, const std::string& other) { return !hash.empty() && hash == other; }
 
 void require_comparable(const Calibration& calibration, const std::string& which) {
@@ -389,9 +401,10 @@ Comparison compare(const Calibration& before, const Calibration& after) {
   if (after.parts().continues_earlier) {
     refuse_input("the later calibration continues an earlier one", "an independent one");
   }
-  const JoinedModel joined(before.parts(), after.parts());
-  const Side first(before.parts(), joined, false);
-  const Side second(after.parts(), joined, true);
+  const auto [earlier, later] = in_the_same_circumstances(before.parts(), after.parts());
+  const JoinedModel joined(earlier, later);
+  const Side first(earlier, joined, false);
+  const Side second(later, joined, true);
   const Differences found(joined, first, second);
   UndeterminedDirections undetermined;
   undetermined.add(joined, found.J, first, second);

@@ -1,6 +1,7 @@
 #include "measurements/drive_signals.hpp"
 
 #include <fmt/core.h>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -59,8 +60,13 @@ std::string fault_of(const DriveSignals& signals, const MatrixXd& joint_values, 
     return size(around) + " circumstances" + what + ", expected 2 x " + std::to_string(joint_values.cols()) +
            ", temperature and payload of each configuration";
   }
-  if (around.array().isInf().any() || (around.size() > 0 && (around.row(1).array() < 0.0).any())) {
-    return "circumstances" + what + " that are infinite or of a negative payload, expected NaN where none is known";
+  constexpr std::array<std::pair<double, double>, kCircumstances> kPossible = {{{-273.15, 1000.0}, {0.0, 1e5}}};
+  for (Index row = 0; row < around.rows(); ++row) {
+    const auto [least, most] = kPossible[static_cast<std::size_t>(row)];
+    if ((around.row(row).array() < least).any() || (around.row(row).array() > most).any()) {
+      return std::string("an impossible ") + to_string(static_cast<Circumstance>(row)) + what +
+             fmt::format(", expected {} to {} and NaN where none is known", least, most);
+    }
   }
   return {};
 }

@@ -97,6 +97,23 @@ KDL::Chain arm(const std::string& base, const std::string& tip, bool calibrated)
   return folded_chain(model, calibrated ? errors_of(model, {{"dq2", 0.01}, {"Tz3", 0.002}}) : errors_of(model));
 }
 
+/// The same result with one effect on the third joint.
+std::string result_with(const std::string& term) {
+  const std::string joint = complete_model(parse_robot(arm_on_a_plinth())).joints[2].name;
+  std::string result = kResult;
+  result.back() = ',';
+  return result + R"("effects": {"gravity_direction": [0, 0, -1], "circumstances": {"temperature": 20, "payload": 10},
+    "terms": [{"joint": ")" +
+         joint + R"(", "mean": 0, "scale": 1, "sigma": 1, )" + term + "}]}}";
+}
+
+/// The link before the third joint grows by 1e-5 per degC from its length at 0 degC.
+KDL::Chain warm_arm(double temperature) {
+  ErrorModel model = complete_model(parse_robot(arm_on_a_plinth(), {.base = "floor", .tip = "tool"}));
+  model.joints[2].origin.p = model.joints[2].origin.p * (1.0 + 1e-5 * temperature);
+  return folded_chain(model, errors_of(model, {{"dq2", 0.01}, {"Tz3", 0.002}}));
+}
+
 /// The answer of fk or jacobian is that of this chain, by KDL and by central differences.
 Check is_at(const KDL::Chain& chain, const Eigen::VectorXd& q) {
   return [=](const Effect& effect) {
@@ -168,6 +185,15 @@ std::vector<OptionCase> arm_options() {
 
 std::vector<OptionCase> fk_options() {
   std::vector<OptionCase> rows = arm_options();
+  const Eigen::VectorXd q = Eigen::Matrix<double, 5, 1>(0.3, -0.2, 0.5, 1.0, -1.0);
+  rows.push_back({"TemperatureIsThatOfTheArm",
+                  {"--temperature", "40"},
+                  is_at(warm_arm(40.0), q),
+                  kAtJoints + Words{"--result", "warm.json"}});
+  rows.push_back({"NoPayloadDoesNotBend",
+                  {"--payload", "0"},
+                  is_at(arm("floor", "tool", true), q),
+                  kAtJoints + Words{"--result", "loaded.json"}});
   rows.push_back({"FramesShowEveryLink",
                   {"--frames"},
                   [](const Effect& effect) {
@@ -192,6 +218,11 @@ protected:
     write("plinth_dh.json", dh_of(parse_robot(arm_on_a_plinth())));
     write("coupled.json", kOddArmCoupled);
     write("r.json", kResult);
+    write("warm.json",
+          result_with(R"("name": "expansion.3", "group": "expansion", "about": "along", "coefficient": 1e-5,
+      "function": {"of": "temperature and length"})"));
+    write("loaded.json", result_with(R"("name": "payload.3", "group": "payload", "coefficient": 1e-4,
+      "function": {"centre": [0.1, 0, 0.2]})"));
     std::string text = content(kFanuc);
     const std::size_t length = text.rfind("0 0 1.075");  // of joint 3's origin
     ASSERT_NE(length, std::string::npos);

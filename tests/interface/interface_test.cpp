@@ -302,10 +302,6 @@ TEST_F(InterfaceFiles, ResultsWithEffectsOfTheCallersOwnAreReadWithThem) {
   EXPECT_NEAR(after.radius_95 / before.radius_95, 1.0, 1e-9);
   EXPECT_THAT(refusal([&] { load_calibration(file("r.json"), fanuc()); }),
               HasSubstr("'bend' is a function of the program that fitted it"));
-  const Calibration rigid = calibrate(
-      fanuc(), data,
-      {.priors = {.automatic = false}, .effects = {.automatic = false}, .diagnosis = {.try_readings = false}});
-  EXPECT_GT((rigid.arm().predict(somewhere(), "B").position - before.position).norm(), 1e-9);
 }
 
 // Values that no calibration has, in a file that no hashes protect.

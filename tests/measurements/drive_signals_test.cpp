@@ -168,7 +168,9 @@ TEST(DriveSignals, OfAnotherSizeAreRefused) {
   read.signals.circumstances = MatrixXd::Zero(1, 1);
   EXPECT_REFUSED("1 x 1 circumstances, expected 2 x 1", averaged(read));
   read.signals.circumstances = Eigen::Vector2d(20.0, -1.0);
-  EXPECT_REFUSED("of a negative payload", averaged(read));
+  EXPECT_REFUSED("an impossible payload, expected 0 to 100000", averaged(read));
+  read.signals.circumstances = Eigen::Vector2d(-300.0, 1.0);
+  EXPECT_REFUSED("an impossible temperature, expected -273.15 to 1000", averaged(read));
 }
 
 }  // namespace

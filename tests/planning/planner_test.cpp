@@ -285,7 +285,8 @@ TEST(Planner, NeedsNoWorkspaceBesideTasks) {
 }
 
 TEST(Planner, RefusesEffectsThatNoPlanCanTell) {
-  EXPECT_THAT(refusal([] { make_plan(request_with({EffectGroup::torque})); }), HasSubstr("effects: no torque"));
+  EXPECT_THAT(refusal([] { make_plan(request_with({EffectGroup::torque})); }),
+              HasSubstr("effects: torque is of what is measured with the arm"));
   EXPECT_THAT(refusal([] { make_plan(request_with({EffectGroup::ripple})); }), HasSubstr("effects: how often a turn"));
   PlanRequest tried = request_with({EffectGroup::gravity});
   tried.monte_carlo = 1;

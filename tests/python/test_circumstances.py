@@ -63,3 +63,33 @@ def test_rows_of_a_configuration_have_their_mean(robot):
     assert m.csv().splitlines()[1].endswith(",20.5,5") and m.csv().splitlines()[3].endswith(",,5")
     with pytest.raises(kc.InputError, match=r"temperature: an array of shape \(2,\), expected \(3,\)"):
         kc.from_arrays(q, points, targets=["A", "B", "A"], temperature=[1.0, 2.0])
+
+
+def test_an_unchanged_arm_that_is_warmer_has_not_changed(robot, warm):
+    joints, points, rows, temperature = warm
+    cool = temperature < np.median(temperature)
+    sides = [
+        kc.calibrate(
+            robot,
+            kc.from_arrays(joints[half], points[half], targets=rows["target"][half],
+                           configurations=rows["configuration"][half], temperature=temperature[half]),
+            effects={"groups": ["expansion"]}, **PLAIN,
+        )
+        for half in (cool, ~cool)
+    ]  # fmt: skip
+    change = kc.compare(*sides)
+    assert not change.has_changed, change.p_value
+    assert change.flange.rms < 1e-4
+
+
+def test_temperatures_are_those_of_all_configurations_or_none(robot, warm):
+    some = np.where(np.arange(len(warm[3])) < 30, np.nan, warm[3])
+    with pytest.raises(kc.InputError, match="has no temperature, expected one in each configuration or in none"):
+        kc.calibrate(robot, measured(warm, temperature=some), **PLAIN)
+    found = kc.calibrate(robot, measured(warm, temperature=warm[3]), effects={"groups": ["drift"]}, **PLAIN)
+    for use in (
+        lambda: kc.validate(found, measured(warm)),
+        lambda: kc.calibrate(robot, measured(warm), priors={"earlier": found}, diagnosis={"try_readings": False}),
+    ):
+        with pytest.raises(kc.InputError, match="no temperature, expected the column"):
+            use()

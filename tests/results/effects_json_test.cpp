@@ -141,7 +141,7 @@ TEST(EffectsJson, WhatNoTermCanBeIsRefusedWithItsPlace) {
   EXPECT_THAT(refused("torque.2.tanh", "/function/play", 0.0), HasSubstr("play: expected a number above 0"));
   EXPECT_THAT(refused("backlash.2.approach", "/function/of", "below"), HasSubstr("of: expected approach"));
   EXPECT_THAT(refused("backlash.3", "/function/mass", -1.0), HasSubstr("mass: expected a number above 0"));
-  EXPECT_THAT(refused("transverse.2", "/about", "z"), HasSubstr("about: expected own, x or y"));
+  EXPECT_THAT(refused("transverse.2", "/about", "z"), HasSubstr("about: expected own, x, y or along"));
   EXPECT_THAT(refused("transverse.2", "/about", "own"), HasSubstr("group: expected about x or y"));
   EXPECT_THAT(refused("gain.2", "/about", "x"), HasSubstr("group: expected about x or y"));
   EXPECT_THAT(refused("gravity.2.", "/function/axis", "w"), HasSubstr("axis: expected x, y, z, slide or own"));
