@@ -197,18 +197,21 @@ MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values,
 
 KDL::Chain stretched_chain(const ErrorModel& model, const KDL::Chain& chain, const VectorXd& stretches) {
   KDL::Chain result;
-  Index next = 0;
+  std::size_t next = 0;  // moving joint
+  bool at_start = true;  // of the link before it, which may have several segments
   for (const KDL::Segment& segment : chain.segments) {
-    const KDL::Joint& joint = segment.getJoint();
-    if (joint.getType() == KDL::Joint::Fixed) {
-      result.addSegment(segment);
-      continue;
+    KDL::Frame origin = segment.getFrameToTip();
+    if (at_start && next < model.joints.size()) {
+      const KDL::Vector link = model.joints[next].origin.p;
+      const double length = link.Norm();
+      const double share = length > 0.0 ? stretches[static_cast<Index>(next)] / length : 0.0;
+      origin = KDL::Frame(link * share) * origin;
     }
-    const KDL::Frame& nominal = model.joints[static_cast<std::size_t>(next)].origin;
-    const double length = nominal.p.Norm();
-    const KDL::Vector along = length > 0.0 ? nominal.p / length : KDL::Vector::Zero();
-    const KDL::Frame origin = KDL::Frame(along * stretches[next++]) * segment.getFrameToTip();
-    const KDL::Joint moved(joint.getName(), origin.p, joint.JointAxis(), joint.getType());
+    const KDL::Joint& joint = segment.getJoint();
+    at_start = joint.getType() != KDL::Joint::Fixed;
+    next += at_start ? 1 : 0;
+    const KDL::Joint moved =
+        at_start ? KDL::Joint(joint.getName(), origin.p, joint.JointAxis(), joint.getType()) : joint;
     result.addSegment(KDL::Segment(segment.getName(), moved, origin, segment.getInertia()));
   }
   return result;
