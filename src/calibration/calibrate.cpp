@@ -405,17 +405,31 @@ struct Instruments {
   std::optional<DistanceZero> zero;
   const Measurements* from_no_zero = nullptr;  // before the zero was taken off
   int passes = 0;                              // that found other noise of the stations
+
+  const Measurements& stated(const Measurements& measurements) const {
+    return from_no_zero != nullptr ? *from_no_zero : measurements;
+  }
 };
 
-// The factors of the stations' noise by this fit, if they differ clearly from those of its rows.
+// The factors on the noise of the stations' rows; empty if there are none.
+std::vector<NoiseFactors> factors_of(const Measurements& measurements) {
+  std::vector<NoiseFactors> factors = noise_factors(measurements);
+  const bool any = std::any_of(factors.begin(), factors.end(), [](const auto& f) { return f != NoiseFactors(); });
+  return any ? factors : std::vector<NoiseFactors>();
+}
+
+// The factors of the stations' noise by this fit, if they differ clearly from those of its rows. Stations of distances
+// alone are anchors of one instrument.
 std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFit& fitted,
-                                                                 const CalibrationSettings& options) {
+                                                                 const CalibrationSettings& options, int passes) {
+  constexpr int kMostPasses = 4;
   constexpr float kSettled = 1.1F;
   constexpr double kRounding = 1e-9;  // [m]
   const bool weighs = is_plain(options.estimator) && options.noise.weights != Weights::equal;
   const std::vector<NoiseFactors> now = noise_factors(fitted.problem.measurements);
-  if (now.size() < 2 || !weighs || !has_converged(fitted.fit.identification) ||
-      fitted.fit.identification.rms < kRounding) {
+  const std::vector<Observation>& rows = fitted.problem.measurements.observations;
+  if (passes == kMostPasses || now.size() < 2 || !weighs || std::all_of(rows.begin(), rows.end(), is_distance) ||
+      !has_converged(fitted.fit.identification) || fitted.fit.identification.rms < kRounding) {
     return std::nullopt;
   }
   std::vector<NoiseFactors> found = noise_by_station(at_optimum(fitted), options.noise.stated);
@@ -429,7 +443,6 @@ std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFi
 
 Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
                       GrossRowSearch search, Instruments found = {}) {
-  constexpr int kMostPasses = 4;
   std::optional<DistanceZero>& zero = found.zero;
   const TrainingRows rows(measurements);
   const ErrorModel model = model_at_stations(*rows, arm);
@@ -462,11 +475,9 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
       .settings = options, .model = with_effects(robot.model, selection.terms), .selection = selection};
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
-  if (found.passes < kMostPasses) {
-    if (const auto factors = other_noise_of_stations(fitted, options)) {
-      const Measurements& stated_rows = found.from_no_zero != nullptr ? *found.from_no_zero : measurements;
-      return calibrated(arm, with_noise_factors(stated_rows, *factors), options, search, {.passes = found.passes + 1});
-    }
+  if (const auto factors = other_noise_of_stations(fitted, options, found.passes)) {
+    return calibrated(arm, with_noise_factors(found.stated(measurements), *factors), options, search,
+                      {.passes = found.passes + 1});
   }
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
@@ -480,10 +491,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
 
   result.distance_zero = zero;
   result.noise = noise_report(assessed.noise, fitted.problem, options);
-  if (const std::vector<NoiseFactors> factors = noise_factors(measurements);
-      std::any_of(factors.begin(), factors.end(), [](const NoiseFactors& f) { return f != NoiseFactors(); })) {
-    result.noise.stations = factors;
-  }
+  result.noise.stations = factors_of(measurements);
   result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
                                    {validated.held_out_points, selection.optimism, assumed}, options.predict_at);
   result.difference_to_kdl =

@@ -134,15 +134,11 @@ struct Way {
   std::string name;
   bool poses = false;
   bool heights = false;
-  bool distances = false;
   int configurations = 60;
   double misfit = 0.0;  // [m] of the arm, which all stations see
 };
 
 Measurements measured(testing::VirtualExperiment& experiment, const Way& way) {
-  if (way.distances) {
-    return static_cast<testing::Distances&>(experiment).measured(2, false, way.configurations);
-  }
   experiment.robot = robot_at_stations(experiment.robot, way.heights ? 4 : 2, experiment.random);
   Measurements rows = testing::without_sigmas(experiment.measure(way.configurations));
   std::vector<Vector3d> shared;
@@ -155,12 +151,12 @@ Measurements measured(testing::VirtualExperiment& experiment, const Way& way) {
   return way.heights ? testing::along(rows, testing::kHeight) : rows;
 }
 
-// The sizes that are found, the weights that follow from them and the radius at each station.
+// The sizes that are found, and the weights that follow from them. Not of distances alone: stations are then anchors of
+// one instrument.
 TEST(NoiseByStation, WeighsTheRowsOfEveryKindOfReading) {
   for (const Way& way :
        {Way{.name = "points"}, Way{.name = "points, misfit", .misfit = 5e-5}, Way{.name = "poses", .poses = true},
-        Way{.name = "heights", .heights = true, .configurations = 120},
-        Way{.name = "distances", .distances = true, .configurations = 100}}) {
+        Way{.name = "heights", .heights = true, .configurations = 120}}) {
     testing::Distances experiment(3);
     if (way.poses) {
       static_cast<testing::VirtualExperiment&>(experiment) =
