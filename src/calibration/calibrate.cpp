@@ -274,9 +274,14 @@ GrossRows gross_rows(const WeighedFit& fitted, const CalibrationSettings& option
   return find_gross_rows_beside_effects(problem);
 }
 
-NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const CalibrationSettings& options) {
+NoiseReport noise_report(NoiseReport assessed, const FitProblem& problem, const Measurements& measurements,
+                         const CalibrationSettings& options) {
   if (weighs_orientations(problem.measurements, options)) {
     assessed.orientation_length = problem.options.joint.residuals.orientation_length;
+  }
+  std::vector<NoiseFactors> factors = noise_factors(measurements);
+  if (std::any_of(factors.begin(), factors.end(), [](const NoiseFactors& f) { return f != NoiseFactors(); })) {
+    assessed.stations = std::move(factors);
   }
   return assessed;
 }
@@ -409,13 +414,12 @@ struct Instruments {
   const Measurements& stated(const Measurements& measurements) const {
     return from_no_zero != nullptr ? *from_no_zero : measurements;
   }
+  // For a pass with other noise, which finds the zero anew.
+  Instruments again() const { return {.zero = std::nullopt, .passes = passes + 1}; }
 };
 
-// The factors on the noise of the stations' rows; empty if there are none.
-std::vector<NoiseFactors> factors_of(const Measurements& measurements) {
-  std::vector<NoiseFactors> factors = noise_factors(measurements);
-  const bool any = std::any_of(factors.begin(), factors.end(), [](const auto& f) { return f != NoiseFactors(); });
-  return any ? factors : std::vector<NoiseFactors>();
+Measurements shortened(const Measurements& measurements, const DistanceZero& zero) {
+  return from_zero(measurements, zero.at_stations(measurements.stations.size()));
 }
 
 // The factors of the stations' noise by this fit, if they differ clearly from those of its rows. Stations of distances
@@ -455,8 +459,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
     zero = zero_of_distances(stated);
     if (zero && zero->corrects()) {
       found.from_no_zero = &measurements;
-      return calibrated(arm, from_zero(measurements, zero->at_stations(measurements.stations.size())), options, search,
-                        found);
+      return calibrated(arm, shortened(measurements, *zero), options, search, found);
     }
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
@@ -476,8 +479,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   const FitProblem selected = selected_problem(rigid, result.model, selection, noise);
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
   if (const auto factors = other_noise_of_stations(fitted, options, found.passes)) {
-    return calibrated(arm, with_noise_factors(found.stated(measurements), *factors), options, search,
-                      {.passes = found.passes + 1});
+    return calibrated(arm, with_noise_factors(found.stated(measurements), *factors), options, search, found.again());
   }
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);
@@ -490,8 +492,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   GrossRows gross = search == GrossRowSearch::yes ? gross_rows(fitted, options) : GrossRows();
 
   result.distance_zero = zero;
-  result.noise = noise_report(assessed.noise, fitted.problem, options);
-  result.noise.stations = factors_of(measurements);
+  result.noise = noise_report(assessed.noise, fitted.problem, measurements, options);
   result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
                                    {validated.held_out_points, selection.optimism, assumed}, options.predict_at);
   result.difference_to_kdl =

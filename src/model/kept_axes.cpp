@@ -138,7 +138,7 @@ const char* to_string(KeptAxes kept) {
 
 AxisRelations axis_relations(const std::vector<MovingJoint>& joints, KeptAxes kept) {
   const std::vector<Neighbours> pairs = all_neighbours(joints);
-  const AxisRelations found = relations(joints, pairs, kept);
+  AxisRelations found = relations(joints, pairs, kept);
   for (const AxisRun& run : found.parallel) {
     require_parallel(run, joints, pairs);
   }
