@@ -320,30 +320,32 @@ std::string page_of(const CompensateArguments& arguments, const Robot& robot, co
                                      compensation.warnings());
 }
 
+ProgramArguments of_program(const CompensateArguments& arguments) {
+  return {.robot = arguments.robot,
+          .result = arguments.result,
+          .program = arguments.program,
+          .controller = arguments.controller,
+          .joint_convention = arguments.joint_convention,
+          .frames = arguments.frames,
+          .external_axes = arguments.external_axes,
+          .near = arguments.near,
+          .circumstances = arguments.circumstances,
+          .line_tolerance = arguments.linear ? *arguments.linear * 1e-3 : kLineTolerance,
+          .options = {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first},
+          .output = arguments.output,
+          .predict = arguments.predict,
+          .report = arguments.report,
+          .force = arguments.force,
+          .json = arguments.json};
+}
+
 ExitStatus run(const CompensateArguments& arguments) {
   const auto given = {!arguments.joints.empty(), !arguments.poses.empty(), !arguments.program.empty()};
   if (std::count(given.begin(), given.end(), true) != 1) {
     throw InputError("expected one of --joints, --poses and --program");
   }
   if (!arguments.program.empty()) {
-    return compensate_program(
-        {.robot = arguments.robot,
-         .result = arguments.result,
-         .program = arguments.program,
-         .controller = arguments.controller,
-         .joint_convention = arguments.joint_convention,
-         .frames = arguments.frames,
-         .external_axes = arguments.external_axes,
-         .near = arguments.near,
-         .circumstances = arguments.circumstances,
-         .line_tolerance = arguments.linear ? *arguments.linear * 1e-3 : kLineTolerance,
-         .options = {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first},
-         .output = arguments.output,
-         .predict = arguments.predict,
-         .report = arguments.report,
-         .force = arguments.force,
-         .json = arguments.json},
-        load(arguments.robot));
+    return compensate_program(of_program(arguments), load(arguments.robot));
   }
   const Robot robot = load(arguments.robot);
   std::vector<OutputFile> files = given_outputs({{.option = "--output", .path = arguments.output},
@@ -381,6 +383,22 @@ ExitStatus run(const CompensateArguments& arguments) {
     return not_to_be_trusted;
   }
   return compensation.summary().is_exact() ? done : not_to_be_trusted;
+}
+
+void add_bounds(CLI::App& app, CompensateArguments& arguments) {
+  app.add_option("--most-change", arguments.most_change,
+                 "Largest change of a joint; a degree counts as 17.45 mm of a joint that slides")
+      ->type_name("DEG")
+      ->check(number_between(1e-6, 360.0, "degrees from 0.000001 to 360"))
+      ->capture_default_str();
+  app.add_flag("--position-first", arguments.position_first,
+               "Where a joint is held at a bound, keep the position exact at the cost of the orientation");
+  app.add_option("--linear", arguments.linear,
+                 "Warn where the tool leaves a straight line by more than this: from row to row, or of --program")
+      ->type_name("MM")
+      ->check(number_between(1e-3, 1e3, "millimetres from 0.001 to 1000"))
+      ->expected(0, 1)
+      ->default_str("0.1");
 }
 
 }  // namespace
@@ -423,19 +441,7 @@ Subcommand add_compensate(CLI::App& parser) {
   add_circumstances(*app, arguments->circumstances);
   add_file(*app, "--joint-convention", arguments->joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
-  app->add_option("--most-change", arguments->most_change,
-                  "Largest change of a joint; a degree counts as 17.45 mm of a joint that slides")
-      ->type_name("DEG")
-      ->check(number_between(1e-6, 360.0, "degrees from 0.000001 to 360"))
-      ->capture_default_str();
-  app->add_flag("--position-first", arguments->position_first,
-                "Where a joint is held at a bound, keep the position exact at the cost of the orientation");
-  app->add_option("--linear", arguments->linear,
-                  "Warn where the tool leaves a straight line by more than this: from row to row, or of --program")
-      ->type_name("MM")
-      ->check(number_between(1e-3, 1e3, "millimetres from 0.001 to 1000"))
-      ->expected(0, 1)
-      ->default_str("0.1");
+  add_bounds(*app, *arguments);
   add_file(*app, "--output", arguments->output, "Write what to command, in the same columns (CSV)")->required();
   add_file(*app, "--predict", arguments->predict,
            "Write how well each point is known (CSV): remaining error, predicted 1 sigma, radius of 95 %");
