@@ -41,7 +41,6 @@ struct PositionErrors {
   int unknowns = 0;     ///< of the registration; `coordinates` minus `unknowns` are the degrees of freedom
   /// [m] By so much all measured distances are too long: the zero of their instrument, found with base and targets.
   double distance_zero = 0.0;
-  std::vector<double> distance_zeros;  ///< [m] instead, of each station, if they differ
   /// [m] RMS of the registered points, corrected for the unknowns: times sqrt(coordinates / degrees of freedom).
   double rms_corrected = 0.0;
   /// The upper 95 % limit of the true errors is so many times the errors of the registered rows, and of test rows that

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "base/counted_fits.hpp"
-#include "base/decompositions.hpp"
 #include "calibration/assessment.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "calibration/determined_fit.hpp"
@@ -296,16 +295,8 @@ struct LeftOut {
 // What the errors of scale, of stated lengths and of the zero of distances do to the estimate.
 Eigen::MatrixXd assumed_steps(const WeighedFit& fitted, const Assessment& assessed, const NoiseOptions& noise,
                               const std::optional<DistanceZero>& zero) {
-  const auto stations = static_cast<Eigen::Index>(fitted.problem.measurements.stations.size());
-  Eigen::MatrixXd zeros(stations, 0);
-  if (zero && !zero->of_stations.empty()) {
-    const Spectrum of_zeros = spectrum(zero->covariance);
-    zeros = of_zeros.vectors * of_zeros.values.cwiseMax(0.0).cwiseSqrt().asDiagonal();
-  } else if (zero && zero->sigma > 0.0) {
-    zeros = Eigen::MatrixXd::Constant(stations, 1, zero->sigma);
-  }
   return considered_steps(at_optimum(fitted), covariance(assessed.root, 1.0),
-                          {.scale = noise.scale_sigma, .length = noise.length_sigma, .zeros = zeros});
+                          {.scale = noise.scale_sigma, .length = noise.length_sigma, .zero = zero ? zero->sigma : 0.0});
 }
 
 // Base, targets and errors with their uncertainty, and the predicted accuracy.
@@ -418,10 +409,6 @@ struct Instruments {
   Instruments again() const { return {.zero = std::nullopt, .passes = passes + 1}; }
 };
 
-Measurements shortened(const Measurements& measurements, const DistanceZero& zero) {
-  return from_zero(measurements, zero.at_stations(measurements.stations.size()));
-}
-
 // The factors of the stations' noise by this fit, if they differ clearly from those of its rows. Stations of distances
 // alone are anchors of one instrument.
 std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFit& fitted,
@@ -457,9 +444,9 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   require_two_step_data(stated.free, *rows, options);
   if (!zero) {
     zero = zero_of_distances(stated);
-    if (zero && zero->corrects()) {
+    if (zero && zero->length != 0.0) {
       found.from_no_zero = &measurements;
-      return calibrated(arm, shortened(measurements, *zero), options, search, found);
+      return calibrated(arm, from_zero(measurements, zero->length), options, search, found);
     }
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
@@ -548,7 +535,7 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
                             const CalibrationSettings& options) {
   Calibrated found = calibrated(arm, measurements, options, GrossRowSearch::yes);
   CalibrationResult& result = found.result;
-  const FromZero from_zero(measurements, result.zeros(measurements.stations.size()));
+  const FromZero from_zero(measurements, result.distance_zero ? result.distance_zero->length : 0.0);
   const Measurements weighed =
       result.noise.stations.empty() ? Measurements() : with_noise_factors(*from_zero, result.noise.stations);
   const Measurements& fitted = result.noise.stations.empty() ? *from_zero : weighed;

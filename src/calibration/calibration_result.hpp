@@ -6,7 +6,6 @@
 //     if (found.trusted()) std::cout << found.accuracy.held_out()->after.rms << " m at unseen configurations\n";
 
 #include <Eigen/Core>
-#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -72,8 +71,8 @@ struct NoiseReport {
   Eigen::Vector3d common = Eigen::Vector3d::Zero();       ///< [m] shared by the points of a repeat
   /// The stated tracker noise, if any, which depends on the point's position; `independent` is its mean.
   std::optional<TrackerNoise> tracker;
-  double misfit = 0.0;         ///< [m] shared by the targets of a configuration
-  double target_misfit = 0.0;  ///< [m] of a target in a configuration, in every repeat
+  double misfit = 0.0;              ///< [m] shared by the targets of a configuration
+  double target_misfit = 0.0;       ///< [m] of a target in a configuration, in every repeat
   /// Of each station, if its instruments differ; else empty. All noise above is that of factors 1, misfits have none.
   std::vector<NoiseFactors> stations;
   std::optional<NoiseParts> parts;  ///< if estimated
@@ -100,13 +99,6 @@ struct NoiseReport {
 struct DistanceZero {
   double length = 0.0;  ///< [m] by which all are too long; 0 if it is not significant
   double sigma = 0.0;   ///< [m]
-  /// [m] Instead, one for each station, if those differ; 0 without distances. And their covariance [m^2].
-  std::vector<double> of_stations = {};
-  Eigen::MatrixXd covariance = {};
-
-  bool corrects() const { return length != 0.0 || !of_stations.empty(); }
-  /// [m] For each of `count` stations.
-  std::vector<double> at_stations(std::size_t count) const;
 };
 
 /// A cube of the workspace, with the predicted 3D 1 sigma [m] of configurations whose flange lies in it.
@@ -234,10 +226,6 @@ struct CalibrationResult {
   }
   /// Whether the result may be used, at least in the measured region.
   bool trusted() const { return diagnosis.doubts.empty(); }
-  /// [m] by which distances are too long, for each of `count` stations; empty if they are right or there are none.
-  std::vector<double> zeros(std::size_t count) const {
-    return distance_zero && distance_zero->corrects() ? distance_zero->at_stations(count) : std::vector<double>();
-  }
 };
 
 /// Whether points of the workspace beyond the measured region may be predicted worse than by the nominal robot.

@@ -420,27 +420,16 @@ Remark said_of_harmful_effects(const CalibrationResult& found) {
 
 // None if the zero of the distances is not significant, or there are none.
 Remarks said_of_zero(const CalibrationResult& found) {
-  constexpr double kCertain = 3.0;
-  Remarks result;
-  const auto add = [&](const std::string& which, double length, double sigma) {
-    if (length != 0.0 && std::abs(length) >= kCertain * sigma) {
-      result.push_back(
-          {.cause = Cause::distances_corrected,
-           .figures = {{"estimate", length}, {"estimate_sigma", sigma}},
-           .message = fmt::format(
-               "{} are {} too {} (1 sigma {}), the zero of their instrument: they were corrected by it", which,
-               in_millimetres(std::abs(length)), length > 0.0 ? "long" : "short", in_millimetres(sigma))});
-    }
-  };
-  if (const auto& zero = found.distance_zero) {
-    add("all distances", zero->length, zero->sigma);
-    for (std::size_t s = 0; s < zero->of_stations.size(); ++s) {
-      const auto place = static_cast<Eigen::Index>(s);
-      add("all distances of station " + shown(found.model.stations[s]), zero->of_stations[s],
-          std::sqrt(zero->covariance(place, place)));
-    }
+  if (!found.distance_zero || found.distance_zero->length == 0.0) {
+    return {};
   }
-  return result;
+  const DistanceZero& zero = *found.distance_zero;
+  return {
+      {.cause = Cause::distances_corrected,
+       .figures = {{"estimate", zero.length}, {"estimate_sigma", zero.sigma}},
+       .message = fmt::format(
+           "all distances are {} too {} (1 sigma {}), the zero of their instrument: they were corrected by it",
+           in_millimetres(std::abs(zero.length)), zero.length > 0.0 ? "long" : "short", in_millimetres(zero.sigma))}};
 }
 
 std::vector<std::string> changed_parameters(const EarlierComparison& comparison) {
@@ -515,13 +504,13 @@ Remarks said_of_stations(const CalibrationResult& found) {
   const auto name = [&](auto sigma) {
     return found.model.stations[static_cast<std::size_t>(std::distance(sigmas.begin(), sigma))];
   };
-  const std::string unlike = *most > *least ? fmt::format("{} per coordinate at {}, {} at {}", in_millimetres(*most),
-                                                          shown(name(most)), in_millimetres(*least), shown(name(least)))
-                                            : "orientations alone";
   return {{.cause = Cause::unlike_stations,
            .subjects = subjects_named(SubjectKind::station, {name(most), name(least)}),
            .figures = {{"noise_ratio", *most / *least}, {"sigma", *most}},
-           .message = "the stations measure unlike: " + unlike + "; each row counts by the noise of its station"}};
+           .message = fmt::format("the stations measure unlike: {} per coordinate at {}, {} at {}; each row counts by "
+                                  "the noise of its station",
+                                  in_millimetres(*most), shown(name(most)), in_millimetres(*least),
+                                  shown(name(least)))}};
 }
 
 // About parameters that the measurements cannot tell apart, and how they are resolved.
@@ -706,9 +695,9 @@ std::vector<Remark> remarks(const CalibrationResult& found, const Diagnosis& dia
     of_data.push_back({.cause = Cause::ambiguous_registration, .message = "registration: " + ambiguity});
   }
   Remarks result;
-  for (const Remarks& some :
-       {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found), said_of_zero(found),
-        said_of_change(found), said_of_urdf(found), said_of_stations(found), said_of_model(found, diagnosis)}) {
+  for (const Remarks& some : {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found),
+                              said_of_zero(found), said_of_change(found), said_of_urdf(found),
+                              said_of_stations(found), said_of_model(found, diagnosis)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

@@ -85,9 +85,6 @@ Json json(const PositionErrors& errors, const Measurements& measurements) {
   for (std::size_t s = 0; measurements.stations.size() > 1 && s < measurements.stations.size(); ++s) {
     result["stations"].push_back({{"name", measurements.stations[s]}});
     result["stations"].back().update(frame_json(errors.frames.base(s)));
-    if (!errors.distance_zeros.empty()) {
-      result["stations"].back()["distance_zero"] = {{"length", errors.distance_zeros[s]}};
-    }
   }
   return result;
 }

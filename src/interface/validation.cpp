@@ -7,11 +7,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <set>
 #include <utility>
 #include <vector>
 
-#include "base/text.hpp"
 #include "calibration/distance_zero.hpp"
 #include "diagnosis/alternative_readings.hpp"
 #include "estimation/input_check.hpp"
@@ -46,15 +44,10 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
   if (has_only_test_rows(measurements) && !errors.registered.empty()) {
     warnings.push_back(measurements.source + ": no train rows, the test rows place " + errors.registered);
   }
-  const auto shortened = [&](const std::string& which, double zero) {
-    if (zero != 0.0) {
-      warnings.push_back(fmt::format("{} are taken {} by {:.3f} mm, the zero of their instrument", which,
-                                     zero > 0.0 ? "shorter" : "longer", std::abs(zero) * 1e3));
-    }
-  };
-  shortened("all distances", errors.distance_zero);
-  for (std::size_t station = 0; station < errors.distance_zeros.size(); ++station) {
-    shortened("distances of station " + in_quotes(measurements.stations[station]), errors.distance_zeros[station]);
+  if (errors.distance_zero != 0.0) {
+    warnings.push_back(fmt::format("all distances are taken {} by {:.3f} mm, the zero of their instrument",
+                                   errors.distance_zero > 0.0 ? "shorter" : "longer",
+                                   std::abs(errors.distance_zero) * 1e3));
   }
   if (registration.ambiguous) {
     warnings.push_back("registration: " + registration.message);
@@ -87,11 +80,11 @@ void try_readings(ErrorModel model, const Measurements& rows, const Estimate& es
   }
 }
 
-// The zeros of instruments for distances, beside base and targets: one for each station, or none.
-std::vector<double> distance_zeros(const ErrorModel& model, const Estimate& registered, const Measurements& rows,
-                                   const KnownFrames& known) {
+// The zero of an instrument for distances, beside base and targets.
+double distance_zero(const ErrorModel& model, const Estimate& registered, const Measurements& rows,
+                     const KnownFrames& known) {
   if (std::none_of(rows.observations.begin(), rows.observations.end(), is_distance)) {
-    return {};
+    return 0.0;
   }
   const std::vector<TargetFrame>& targets = registered.frames.targets;
   const Unknowns free = Unknowns(model, targets, select_parameters(model, targets, {.known = known}).free)
@@ -99,7 +92,7 @@ std::vector<double> distance_zeros(const ErrorModel& model, const Estimate& regi
                             .without(UnknownGroup::effects);
   const std::optional<DistanceZero> zero =
       zero_of_distances({.model = model, .measurements = rows, .start = registered, .free = free});
-  return zero && zero->corrects() ? zero->at_stations(rows.stations.size()) : std::vector<double>();
+  return zero ? zero->length : 0.0;
 }
 
 PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measurements, const KnownFrames& known,
@@ -113,15 +106,14 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
   check(known, measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, arm.estimate, measurements);
   RegisteredErrors found = registered_errors(X_BF, measurements, all_rows, known);
-  const std::vector<double> zeros = distance_zeros(
+  const double zero = distance_zero(
       model, {.errors = arm.estimate.errors, .frames = found.registration.frames, .effects = arm.estimate.effects},
       *train, known);
-  const FromZero shorter(all_rows, zeros);
+  const FromZero shorter(all_rows, zero);
   const Measurements& rows = *shorter;
-  const std::set<double> distinct(zeros.begin(), zeros.end());
-  if (!zeros.empty()) {
-    found = registered_errors(X_BF, from_zero(measurements, zeros), rows, known);
-    found.freedom.unknowns += static_cast<int>(distinct.size() - distinct.count(0.0));
+  if (zero != 0.0) {
+    found = registered_errors(X_BF, from_zero(measurements, zero), rows, known);
+    ++found.freedom.unknowns;
   }
   const Registration& registration = found.registration;
   PositionErrors errors{.all = found.all,
@@ -136,8 +128,7 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
                         .registered = registered(known, registration.frames),
                         .coordinates = found.freedom.coordinates,
                         .unknowns = found.freedom.spent(),
-                        .distance_zero = distinct.size() == 1 ? zeros.front() : 0.0,
-                        .distance_zeros = distinct.size() > 1 ? zeros : std::vector<double>(),
+                        .distance_zero = zero,
                         .rms_corrected = registration.rms * found.freedom.correction(),
                         .upper_95_factor = found.freedom.upper_95(),
                         .upper_95_factor_of_test = found.of_test.upper_95()};
@@ -203,7 +194,7 @@ Eigen::Matrix3d inverse_root(const Eigen::Matrix3d& covariance) {
 class FittedRows {
 public:
   FittedRows(const Measurements& measurements, const CalibrationResult& fitted)
-      : rows_(measurements, fitted.zeros(measurements.stations.size())),
+      : rows_(measurements, fitted.distance_zero ? fitted.distance_zero->length : 0.0),
         estimate_(fitted.fit.identification.estimate),
         X_BF_(flange_poses(fitted.model, estimate_, measurements)) {}
 

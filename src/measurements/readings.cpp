@@ -88,18 +88,18 @@ Measurements without_observations(const Measurements& measurements) {
 
 Measurements whole_points(const Measurements& measurements) { return subset(measurements, is_whole); }
 
-Measurements from_zero(Measurements measurements, const std::vector<double>& zeros) {
+Measurements from_zero(Measurements measurements, double zero) {
   for (Observation& row : measurements.observations) {
     if (auto* const distance = std::get_if<Distance>(&row.reading)) {
-      distance->length -= zeros[static_cast<std::size_t>(row.station)];
+      distance->length -= zero;
     }
   }
   return measurements;
 }
 
-FromZero::FromZero(const Measurements& measurements, const std::vector<double>& zeros) : all_(measurements) {
-  if (!zeros.empty()) {
-    shorter_ = from_zero(measurements, zeros);
+FromZero::FromZero(const Measurements& measurements, double zero) : all_(measurements) {
+  if (zero != 0.0) {
+    shorter_ = from_zero(measurements, zero);
   }
 }
 

@@ -61,13 +61,13 @@ bool has_order(const Measurements& measurements);
 Measurements without_observations(const Measurements& measurements);
 /// The rows that are whole points, as measurements without single coordinates; none if there are no such rows.
 Measurements whole_points(const Measurements& measurements);
-/// The measurements with their distances counted from these zeros, one for each station: each is shorter by its zero.
-Measurements from_zero(Measurements measurements, const std::vector<double>& zeros);
-/// The same, or without zeros the measurements themselves, to which a reference is kept.
+/// The measurements with their distances counted from this zero: each is shorter by it.
+Measurements from_zero(Measurements measurements, double zero);
+/// The same, or without a zero the measurements themselves, to which a reference is kept.
 class FromZero {
 public:
-  FromZero(const Measurements& measurements, const std::vector<double>& zeros);
-  FromZero(Measurements&&, const std::vector<double>&) = delete;
+  FromZero(const Measurements& measurements, double zero);
+  FromZero(Measurements&&, double) = delete;
 
   const Measurements& operator*() const { return shorter_ ? *shorter_ : all_; }
 

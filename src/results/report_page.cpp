@@ -147,22 +147,6 @@ std::string reported_measurements(const ReportedMeasurements& reported) {
 
 namespace {
 
-// The zeros of the distances, one for each station; none if a result states none or other stations.
-std::vector<double> zeros_of(const Json& result, const std::vector<std::string>& stations) {
-  if (!result.contains("distance_zero")) {
-    return {};
-  }
-  const Json& zero = result["distance_zero"];
-  std::vector<double> zeros(stations.size(), zero.value("length", 0.0));
-  for (const Json& station : zero.value("stations", Json::array())) {
-    const auto place = std::find(stations.begin(), stations.end(), station["name"].get<std::string>());
-    if (place != stations.end()) {
-      zeros[static_cast<std::size_t>(place - stations.begin())] = station["length"].get<double>();
-    }
-  }
-  return zeros;
-}
-
 Json calibration_data(const CalibrationPage& page, Json result) {
   Json data = {{"kind", "calibration"}};
   if (result.contains("covariance") && result["covariance"].is_object()) {
@@ -172,7 +156,8 @@ Json calibration_data(const CalibrationPage& page, Json result) {
     const CalibrationParts saved = parse_calibration(page.result, *page.robot, page.source, page.own);
     data["robot"] = robot_block(*page.robot, saved.model, saved.estimate);
     if (page.measurements != nullptr) {
-      const FromZero measured(*page.measurements, zeros_of(result, page.measurements->stations));
+      const double zero = result.contains("distance_zero") ? result["distance_zero"]["length"].get<double>() : 0.0;
+      const FromZero measured(*page.measurements, zero);
       const Estimate before = nominal_start(saved.model, *measured, {.known = page.known});
       data["measured"] = measurements_block({.model = saved.model,
                                              .estimate = saved.estimate,

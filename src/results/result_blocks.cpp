@@ -33,7 +33,7 @@ Json frame_block(const Eigen::Isometry3d& frame, bool with_orientation) {
 }
 
 std::vector<Eigen::Vector3d> residuals_of_fit(const Measurements& measurements, const CalibrationResult& calibration) {
-  const FromZero fitted(measurements, calibration.zeros(measurements.stations.size()));
+  const FromZero fitted(measurements, calibration.distance_zero ? calibration.distance_zero->length : 0.0);
   return residuals_of(calibration.model, calibration.fit.identification.estimate, *fitted);
 }
 

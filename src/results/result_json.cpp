@@ -292,15 +292,9 @@ Json predicted_json(const PredictedAccuracy& predicted, const NoiseReport& noise
 
 // Adds what the measurements take as true, and the mistakes that they would have shown.
 void add_assumptions(const CalibrationResult& calibration, Json& result) {
-  if (const auto& zero = calibration.distance_zero; zero && zero->of_stations.empty()) {
-    result["distance_zero"] = {{"length", zero->length}, {"sigma", zero->sigma}};
-  } else if (zero) {
-    for (std::size_t s = 0; s < zero->of_stations.size(); ++s) {
-      const auto place = static_cast<Eigen::Index>(s);
-      result["distance_zero"]["stations"].push_back({{"name", calibration.model.stations[s]},
-                                                     {"length", zero->of_stations[s]},
-                                                     {"sigma", std::sqrt(zero->covariance(place, place))}});
-    }
+  if (calibration.distance_zero) {
+    result["distance_zero"] = {{"length", calibration.distance_zero->length},
+                               {"sigma", calibration.distance_zero->sigma}};
   }
   Json detectable = Json::array();
   for (const DetectableMistake& mistake : calibration.diagnosis.detectable) {

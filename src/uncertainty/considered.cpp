@@ -103,11 +103,11 @@ MatrixXd considered_steps(const FitProblem& fit, const MatrixXd& unit_covariance
                    std::size_t row) { move(o, predicted[row].point, sigmas.scale * predicted[row].from_middle); },
                all);
   }
-  for (const auto& zeros : sigmas.zeros.colwise()) {
+  if (sigmas.zero > 0.0) {
     result.add(
         [&](Observation& o, std::size_t /*row*/) {
           if (auto* const distance = std::get_if<Distance>(&o.reading)) {
-            distance->length += zeros[o.station];
+            distance->length += sigmas.zero;
           }
         },
         all);

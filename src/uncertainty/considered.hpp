@@ -13,8 +13,7 @@ namespace kdl_calibration {
 struct AssumedSigmas {
   double scale = 0.0;   ///< [m/m] of all measured lengths, about the middle of each station's points
   double length = 0.0;  ///< [m] of the distance between two stated places, or of a stated distance
-  /// [m] Roots of the covariance of the zeros of instruments that measure distances, stations x independent errors.
-  Eigen::MatrixXd zeros = {};
+  double zero = 0.0;    ///< [m] of the instrument that measures distances
 };
 
 /// By how much the estimate moves if what it takes as true is off by one sigma, one column for each independent error:

@@ -120,7 +120,7 @@ TEST(Considered, TheZeroOfDistancesMovesTheEstimateAsLongerOnesDo) {
   const Measurements rows = experiment.measured(3, true, 80, 1e-5);
   const Ended ended(experiment, rows, experiment.model);
   const double zero = 2e-5;
-  const MatrixXd steps = ended.steps({.zeros = MatrixXd::Constant(1, 1, zero)});
+  const MatrixXd steps = ended.steps({.zero = zero});
   ASSERT_EQ(steps.cols(), 1);
   const VectorXd expected = ended.refitted([&](Observation& row) { std::get<Distance>(row.reading).length += zero; });
   EXPECT_LT((steps.col(0) - expected).norm(), 5e-3 * expected.norm());
