@@ -72,9 +72,9 @@ public:
   std::vector<std::string> estimated() const;
   const Eigen::MatrixXd& covariance() const;
 
-  /// The same arm at another temperature or payload than the mean of the measurements: the one that arm(), Compensator
-  /// and others then take. Uncertainties grow with the distance from what was measured. The exported URDF stays that of
-  /// the mean. Throws InputError where no effect depends on what is stated.
+  /// The calibration at this temperature and payload instead of the means of the measurements: arm(), Compensator and
+  /// others then predict for them. Uncertainties grow with the distance from what was measured. The exported URDF stays
+  /// that of the means. Throws InputError where no effect depends on what is stated.
   Calibration at(const Circumstances& circumstances) const;
 
   /// The arm with all effects: where it really goes. Throws InputError as CalibratedArm does.

@@ -73,8 +73,8 @@ struct EffectOptions {
   /// Direction of gravity in the base frame, of any length. Not down for an arm on a wall or ceiling.
   Eigen::Vector3d gravity_direction = Eigen::Vector3d(0.0, 0.0, -1.0);
   Eigen::Vector3d payload_centre = Eigen::Vector3d::Zero();  ///< [m] centre of mass of the payload in the flange frame
-  /// Of the caller's own: candidates where the groups are chosen, else part of the model. A result file names them, and
-  /// load_calibration wants them again.
+  /// Effects of the caller's own. Where the groups are chosen, these are candidates as well; else they are part of the
+  /// model. A result file names them, and load_calibration wants their functions again.
   std::vector<OwnEffect> own = {};
 };
 

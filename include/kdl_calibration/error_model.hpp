@@ -64,7 +64,7 @@ enum class EffectGroup : std::uint8_t {
   expansion,   ///< links that grow with temperature
   drift,       ///< zeros of joints that move with temperature
   payload,     ///< joint compliance under a stated payload
-  own          ///< a function of the caller's own, OwnEffect; asked for by that alone
+  own          ///< a function of the caller's own, see OwnEffect
 };
 constexpr std::size_t kEffectGroups = 12;  ///< those that can be asked for by name
 
@@ -128,7 +128,7 @@ struct JointCoupling {
   bool is_cosine = false;
 };
 
-/// The temperature [degC], or what the nominal link before the joint grows by at that temperature [m per unit].
+/// The temperature [degC]; for a link, times the length of the nominal link before the joint [degC m].
 struct Temperature {
   bool of_link = false;
 };

@@ -25,26 +25,12 @@ std::string lower_case(std::string_view text);
 /// A lower-case word of a file and its meaning.
 using Word = std::pair<std::string_view, std::string_view>;
 
-/// The single byte is the degree sign in Windows-1252.
-inline constexpr std::array kUnitWords = {Word{"rad", "rad"},
-                                          Word{"deg", "deg"},
-                                          Word{"degree", "deg"},
-                                          Word{"degrees", "deg"},
-                                          Word{"\xc2\xb0", "deg"},
-                                          Word{"\xb0", "deg"},
-                                          Word{"m", "m"},
-                                          Word{"mm", "mm"},
-                                          Word{"nm", "Nm"},
-                                          Word{"n", "N"},
-                                          Word{"degc", "degC"},
-                                          Word{"\xc2\xb0"
-                                               "c",
-                                               "degC"},
-                                          Word{"\xb0"
-                                               "c",
-                                               "degC"},
-                                          Word{"c", "degC"},
-                                          Word{"kg", "kg"}};
+/// In octal: the degree sign in UTF-8, and the single byte in Windows-1252.
+inline constexpr std::array kUnitWords = {
+    Word{"rad", "rad"},        Word{"deg", "deg"},    Word{"degree", "deg"}, Word{"degrees", "deg"},
+    Word{"\302\260", "deg"},   Word{"\260", "deg"},   Word{"m", "m"},        Word{"mm", "mm"},
+    Word{"nm", "Nm"},          Word{"n", "N"},        Word{"degc", "degC"},  Word{"c", "degC"},
+    Word{"\302\260c", "degC"}, Word{"\260c", "degC"}, Word{"kg", "kg"}};
 
 /// The meaning of the text, ignoring case; the text itself if unknown.
 std::string_view translated(std::string_view text, std::span<const Word> words);

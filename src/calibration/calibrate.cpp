@@ -536,9 +536,11 @@ CalibrationResult calibrate(const ErrorModel& arm, const Measurements& measureme
   Calibrated found = calibrated(arm, measurements, options, GrossRowSearch::yes);
   CalibrationResult& result = found.result;
   const FromZero from_zero(measurements, result.distance_zero ? result.distance_zero->length : 0.0);
-  const Measurements weighed =
-      result.noise.stations.empty() ? Measurements() : with_noise_factors(*from_zero, result.noise.stations);
-  const Measurements& fitted = result.noise.stations.empty() ? *from_zero : weighed;
+  std::optional<Measurements> weighed;
+  if (!result.noise.stations.empty()) {
+    weighed = with_noise_factors(*from_zero, result.noise.stations);
+  }
+  const Measurements& fitted = weighed ? *weighed : *from_zero;
   GrossRows gross = with_figures_of_calibration(std::move(found.gross_rows), arm, fitted, options);
   result.diagnosis = diagnose(
       result, fitted, std::move(found.findings), std::move(gross),

@@ -71,8 +71,8 @@ struct NoiseReport {
   Eigen::Vector3d common = Eigen::Vector3d::Zero();       ///< [m] shared by the points of a repeat
   /// The stated tracker noise, if any, which depends on the point's position; `independent` is its mean.
   std::optional<TrackerNoise> tracker;
-  double misfit = 0.0;              ///< [m] shared by the targets of a configuration
-  double target_misfit = 0.0;       ///< [m] of a target in a configuration, in every repeat
+  double misfit = 0.0;         ///< [m] shared by the targets of a configuration
+  double target_misfit = 0.0;  ///< [m] of a target in a configuration, in every repeat
   /// Of each station, if its instruments differ; else empty. All noise above is that of factors 1, misfits have none.
   std::vector<NoiseFactors> stations;
   std::optional<NoiseParts> parts;  ///< if estimated

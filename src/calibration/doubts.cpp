@@ -504,13 +504,13 @@ Remarks said_of_stations(const CalibrationResult& found) {
   const auto name = [&](auto sigma) {
     return found.model.stations[static_cast<std::size_t>(std::distance(sigmas.begin(), sigma))];
   };
-  return {{.cause = Cause::unlike_stations,
-           .subjects = subjects_named(SubjectKind::station, {name(most), name(least)}),
-           .figures = {{"noise_ratio", *most / *least}, {"sigma", *most}},
-           .message = fmt::format("the stations measure unlike: {} per coordinate at {}, {} at {}; each row counts by "
-                                  "the noise of its station",
-                                  in_millimetres(*most), shown(name(most)), in_millimetres(*least),
-                                  shown(name(least)))}};
+  return {
+      {.cause = Cause::unlike_stations,
+       .subjects = subjects_named(SubjectKind::station, {name(most), name(least)}),
+       .figures = {{"noise_ratio", *most / *least}, {"sigma", *most}},
+       .message = fmt::format("the stations measure unlike: {} per coordinate at {}, {} at {}; each row counts by "
+                              "the noise of its station",
+                              in_millimetres(*most), shown(name(most)), in_millimetres(*least), shown(name(least)))}};
 }
 
 // About parameters that the measurements cannot tell apart, and how they are resolved.
@@ -695,9 +695,9 @@ std::vector<Remark> remarks(const CalibrationResult& found, const Diagnosis& dia
     of_data.push_back({.cause = Cause::ambiguous_registration, .message = "registration: " + ambiguity});
   }
   Remarks result;
-  for (const Remarks& some : {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found),
-                              said_of_zero(found), said_of_change(found), said_of_urdf(found),
-                              said_of_stations(found), said_of_model(found, diagnosis)}) {
+  for (const Remarks& some :
+       {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found), said_of_zero(found),
+        said_of_change(found), said_of_urdf(found), said_of_stations(found), said_of_model(found, diagnosis)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

@@ -118,7 +118,7 @@ NoiseModel noise_model(const CalibrateArguments& arguments) {
   return noise;
 }
 
-Eigen::Vector3d three(const std::vector<double>& numbers, const char* option) {
+Eigen::Vector3d vector_of(const std::vector<double>& numbers, const char* option) {
   if (numbers.size() != 3) {
     throw InputError(std::string(option) + ": has " + std::to_string(numbers.size()) + " values, expected 3 (x,y,z)");
   }
@@ -146,8 +146,8 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   options.priors.automatic = automatic({arguments.prior});
   options.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
                      .automatic = automatic(arguments.effects),
-                     .gravity_direction = three(arguments.gravity_direction, "--gravity-direction"),
-                     .payload_centre = three(arguments.payload_centre, "--payload-centre")};
+                     .gravity_direction = vector_of(arguments.gravity_direction, "--gravity-direction"),
+                     .payload_centre = vector_of(arguments.payload_centre, "--payload-centre")};
   options.noise.stated = noise_model(arguments);
   options.noise.weights = arguments.noise == "repeats" ? Weights::repeats
                           : arguments.noise == "equal" ? Weights::equal

@@ -29,6 +29,7 @@
 #include "kdl_calibration/result_file.hpp"
 #include "programs/compensated_program.hpp"
 #include "programs/program_language.hpp"
+#include "results/result_blocks.hpp"
 
 namespace kdl_calibration::cli {
 namespace {

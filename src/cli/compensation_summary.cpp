@@ -14,6 +14,7 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "results/report_page.hpp"
+#include "results/result_blocks.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
@@ -58,8 +59,6 @@ std::string prediction_row(const CalibratedArm& arm, const std::string& label, c
   }
   return row + (outside ? ",true\n" : ",false\n");
 }
-
-Json finite_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
 CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm)
     : robot_(robot), arm_(arm), changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
@@ -116,8 +115,7 @@ void CompensationSummary::add_lines(std::span<const LineDeviation> deviations, d
     if (deviations[i].position > deviation_.position) {
       most_bent_ = label(i);
     }
-    deviation_.position = std::max(deviation_.position, deviations[i].position);
-    deviation_.orientation = std::max(deviation_.orientation, deviations[i].orientation);
+    deviation_.include(deviations[i]);
   }
 }
 

@@ -28,9 +28,6 @@ inline constexpr std::string_view kPredictionHeader =
 /// The row of a point, for its least certain target.
 std::string prediction_row(const CalibratedArm& arm, const std::string& label, const CompensatedPoint& point);
 
-/// null for what is infinite.
-Json finite_or_null(double value);
-
 /// What became of the points of a program. Keeps references. Its memory does not grow with their number.
 class CompensationSummary {
 public:

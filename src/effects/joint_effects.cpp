@@ -61,6 +61,11 @@ std::optional<Circumstance> needed_circumstance(EffectGroup group) {
   }
 }
 
+bool depend_on(const std::vector<EffectTerm>& effects, Circumstance circumstance) {
+  return std::any_of(effects.begin(), effects.end(),
+                     [&](const EffectTerm& term) { return needed_circumstance(term.group()) == circumstance; });
+}
+
 EffectGroup EffectTerm::group() const {
   using enum EffectGroup;
   constexpr std::array kGroups = {gravity, gravity, gain,     backlash, backlash, harmonics,

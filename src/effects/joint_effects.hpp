@@ -29,6 +29,8 @@ std::vector<std::string> effect_group_names();
 
 /// What must be stated for a group; none: nothing.
 std::optional<Circumstance> needed_circumstance(EffectGroup group);
+/// Whether some effect needs it.
+bool depend_on(const std::vector<EffectTerm>& effects, Circumstance circumstance);
 
 /// A group of effects on one joint about one of its axes.
 struct EffectMotionKey {

@@ -47,7 +47,7 @@ void whiten_by_point(const MatrixXd& information, MatrixXd& rows) {
 
 BlockLinearisation::BlockLinearisation(const ErrorModel& model, const Unknowns& unknowns, const Estimate& estimate)
     : unknowns_(unknowns), estimate_(estimate), chain_(folded(model, estimate.errors)) {
-  const std::vector<ParameterTwist> all = chain_twists(model, estimate, unknowns);
+  const std::vector<ParameterTwist> all = chain_twists(model, chain_, estimate.errors, unknowns);
   const ColumnRange effects = unknowns.range(UnknownGroup::effects);
   std::map<Index, Index> of_entry;
   for (std::size_t column = 0; column < all.size(); ++column) {

@@ -74,19 +74,17 @@ ParameterTwist effect_twist(const FoldedChain& chain, const EffectTerm& term) {
   return twist;
 }
 
-std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns) {
+std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const FoldedChain& chain, const VectorXd& errors,
+                                         const Unknowns& unknowns) {
   std::vector<ParameterTwist> twists;
   const std::vector<ParameterTwist> base = base_twists();
   for (const std::size_t i : unknowns.of(UnknownGroup::base)) {
     twists.push_back(base[i % 6]);
   }
-  const std::vector<ParameterTwist> geometric = parameter_twists(model, estimate.errors, unknowns.geometric());
+  const std::vector<ParameterTwist> geometric = parameter_twists(model, errors, unknowns.geometric());
   twists.insert(twists.end(), geometric.begin(), geometric.end());
-  if (!unknowns.effects().empty()) {
-    const FoldedChain chain = folded(model, estimate.errors);
-    for (const std::size_t d : unknowns.effects()) {
-      twists.push_back(effect_twist(chain, model.effects[d]));
-    }
+  for (const std::size_t d : unknowns.effects()) {
+    twists.push_back(effect_twist(chain, model.effects[d]));
   }
   return twists;
 }
@@ -96,7 +94,7 @@ PositionPredictor::PositionPredictor(const ErrorModel& model, const Estimate& es
       estimate_(estimate),
       unknowns_(unknowns),
       chain_(folded(model, estimate.errors)),
-      twists_(chain_twists(model, estimate, unknowns)) {}
+      twists_(chain_twists(model, chain_, estimate.errors, unknowns)) {}
 
 std::vector<Matrix3Xd> PositionPredictor::jacobians(const Measurements& measurements, Index configuration,
                                                     std::optional<std::size_t> station) const {

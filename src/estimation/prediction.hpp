@@ -45,7 +45,8 @@ std::vector<Eigen::Vector3d> residuals_of(const ErrorModel& model, const Estimat
 /// Twist of a term's column per unit of the joint's motion; the caller multiplies it by basis(q).
 ParameterTwist effect_twist(const FoldedChain& chain, const EffectTerm& term);
 /// Twists of the free chain columns (base, geometric, effects) at an estimate; those of the effects as effect_twist().
-std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const Estimate& estimate, const Unknowns& unknowns);
+std::vector<ParameterTwist> chain_twists(const ErrorModel& model, const FoldedChain& chain,
+                                         const Eigen::VectorXd& errors, const Unknowns& unknowns);
 
 /// Jacobians of the predicted positions at one estimate. Keeps references to its arguments.
 class PositionPredictor {

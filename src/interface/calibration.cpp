@@ -195,7 +195,7 @@ const CalibrationResult& fit_of(const Robot& robot, const Measurements& measurem
 namespace {
 
 // What the calibration without kept axes leaves. It serves for comparison only, so that nothing else is found out.
-FreeAxes with_free_axes(const ErrorModel& model, const Measurements& measurements, CalibrationSettings settings) {
+FreeAxes fit_with_free_axes(const ErrorModel& model, const Measurements& measurements, CalibrationSettings settings) {
   if (settings.selection.earlier) {
     return {.not_computed = "an earlier result with kept axes is continued", .train = {}, .held_out = {}};
   }
@@ -232,9 +232,8 @@ KeptAxes kept_axes(const CalibrationOptions& options) {
 
 void require_circumstances(const Measurements& measurements, const std::vector<EffectTerm>& effects) {
   for (const Circumstance circumstance : {Circumstance::temperature, Circumstance::payload}) {
-    const auto depends = [&](const EffectTerm& term) { return needed_circumstance(term.group()) == circumstance; };
     const bool stated = is_stated(measurements.signals, circumstance);
-    if (!stated && std::any_of(effects.begin(), effects.end(), depends)) {
+    if (!stated && depend_on(effects, circumstance)) {
       throw InputError(measurements.source + ": no " + to_string(circumstance) +
                        ", expected the column that the effects of the result depend on");
     }
@@ -275,7 +274,7 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
     free.gravity = model.gravity;
     free.payload_centre = model.payload_centre;
     free.circumstances = model.circumstances;
-    result.free_axes = with_free_axes(free, measurements, settings);
+    result.free_axes = fit_with_free_axes(free, measurements, settings);
   }
   return result;
 }
@@ -319,21 +318,18 @@ Calibration Calibration::at(const Circumstances& circumstances) const {
   }
   CalibrationParts parts = *parts_;
   parts.fitted = nullptr;  // which is of the measured ones
-  const std::vector<EffectTerm>& effects = parts.model.effects;
-  const auto take = [&](double value, EffectGroup first, EffectGroup second, const char* what, double& taken) {
+  const auto take = [&](double value, Circumstance which, double& taken) {
     if (std::isnan(value)) {
       return;
     }
-    const auto depends = [&](const EffectTerm& term) { return term.group() == first || term.group() == second; };
-    if (!std::isfinite(value) || std::none_of(effects.begin(), effects.end(), depends)) {
-      refuse_input(std::string("a ") + what + " at which nothing would change",
-                   std::string("a finite one, and a result that has an effect of the ") + what);
+    if (!std::isfinite(value) || !depend_on(parts.model.effects, which)) {
+      refuse_input(std::string("a ") + to_string(which) + " at which nothing would change",
+                   std::string("a finite one, and a result that has an effect of the ") + to_string(which));
     }
     taken = value;
   };
-  take(circumstances.temperature, EffectGroup::expansion, EffectGroup::drift, "temperature",
-       parts.model.circumstances.temperature);
-  take(circumstances.payload, EffectGroup::payload, EffectGroup::payload, "payload", parts.model.circumstances.payload);
+  take(circumstances.temperature, Circumstance::temperature, parts.model.circumstances.temperature);
+  take(circumstances.payload, Circumstance::payload, parts.model.circumstances.payload);
   return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
 }
 

@@ -61,8 +61,8 @@ LineDeviation line_deviation(const Compensator& compensator, const Isometry3d& X
     }
     q = *set;
     const Isometry3d tool = compensator.calibrated_pose(q) * X_FT;
-    largest.position = std::max(largest.position, distance_from_line(tool.translation(), from.X_BT, to.X_BT));
-    largest.orientation = std::max(largest.orientation, angle_between(tool, between(from.X_BT, to.X_BT, share)));
+    largest.include({.position = distance_from_line(tool.translation(), from.X_BT, to.X_BT),
+                     .orientation = angle_between(tool, between(from.X_BT, to.X_BT, share))});
   }
   return largest;
 }

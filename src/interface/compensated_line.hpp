@@ -3,6 +3,7 @@
 // Straight lines between compensated points.
 
 #include <Eigen/Geometry>
+#include <algorithm>
 
 #include "kdl_calibration/compensation.hpp"
 
@@ -18,6 +19,12 @@ struct LineEnd {
 struct LineDeviation {
   double position = 0.0;     ///< [m] from the line
   double orientation = 0.0;  ///< [rad] from the asked orientation, which turns evenly about one axis
+
+  /// Takes what the other has more of.
+  void include(const LineDeviation& other) {
+    position = std::max(position, other.position);
+    orientation = std::max(orientation, other.orientation);
+  }
 };
 
 /// Of the calibrated arm, if the controller moves the tool of the nominal arm straight between the commanded ends. The

@@ -188,7 +188,7 @@ MatrixXd side_by_side(const MatrixXd& left, const MatrixXd& right) {
 }  // namespace
 
 std::vector<NoiseFactors> noise_by_station(const FitProblem& fit, const NoiseModel& stated) {
-  constexpr double kByChance = 1e-3;
+  constexpr double kPValueOfStations = 1e-3;
   constexpr std::size_t kMostStations = 10;  // with more, each has few rows, and strata take much memory
   const std::size_t stations = fit.measurements.stations.size();
   if (stations < 2 || stations > kMostStations) {
@@ -215,7 +215,7 @@ std::vector<NoiseFactors> noise_by_station(const FitProblem& fit, const NoiseMod
   VarianceEstimation each(std::move(task));
   // The errors of the arm may follow the few rows of a station, which then seem exact.
   if (freedom < 1.0 || !each.maximise() || (is_of.transpose() * each.freedom()).minCoeff() < kLeastFreedom ||
-      reduced_chi_squared_tail((one.minus_two_log() - each.minus_two_log()) / freedom, freedom) > kByChance) {
+      reduced_chi_squared_tail((one.minus_two_log() - each.minus_two_log()) / freedom, freedom) > kPValueOfStations) {
     return {};
   }
   std::vector<NoiseFactors> result(stations);

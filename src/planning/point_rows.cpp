@@ -55,7 +55,7 @@ PointRows::PointRows(const Experiment& experiment)
       effect_columns_(experiment.free.range(UnknownGroup::effects)),
       noise_(experiment.noise),
       targets_(experiment.targets) {
-  twists_ = chain_twists(experiment.model, {.errors = experiment.errors}, experiment.free);
+  twists_ = chain_twists(model_, chain_, experiment.errors, experiment.free);
   const auto T = static_cast<Index>(experiment.targets.size());
   const ColumnRange target_columns = experiment.free.range(UnknownGroup::targets);
   points_.S = MatrixXd::Zero(3 * T, 6);

@@ -210,9 +210,7 @@ void check_lines(const PointCompensation& compensation, const Program& program, 
   });
   result.lines = segments.size();
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    LineDeviation& largest = result.largest_deviation;
-    largest.position = std::max(largest.position, found[i].position);
-    largest.orientation = std::max(largest.orientation, found[i].orientation);
+    result.largest_deviation.include(found[i]);
     if (found[i].position > tolerance) {
       result.paths.push_back({.source = texts[segments[i].motion->file].source,
                               .line = segments[i].motion->line,
@@ -226,7 +224,7 @@ void check_lines(const PointCompensation& compensation, const Program& program, 
   });
 }
 
-// What is between the points of a circle the text does not say alone: makers turn the tool along it in several ways.
+// A text does not say how the tool turns along a circle: makers do it in several ways.
 void remark_curves(Program& program) {
   std::map<std::size_t, std::vector<std::size_t>> lines;  // of each file
   for (const ProgramMotion& motion : program.motions) {

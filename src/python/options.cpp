@@ -216,8 +216,11 @@ OwnColumns columns_by(const py::handle& given, const std::string& where) {
   };
 }
 
-Members::Reader own_into(std::vector<OwnEffect>& into) {
-  return [&into](const py::handle& given, const std::string& where) { into = own_effects(given, where); };
+Members::Reader own_into(GivenCalibrationOptions& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    into.options.effects.own = own_effects(given, where);
+    into.own = py::reinterpret_borrow<py::dict>(given);
+  };
 }
 
 Members::Reader configurations_into(Configurations& into) {
@@ -328,7 +331,7 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
                                    .by("groups", groups_into(options.effects.groups))
                                    .with("automatic", options.effects.automatic)
                                    .by("payload_centre", vector_into(options.effects.payload_centre))
-                                   .by("own", own_into(options.effects.own))
+                                   .by("own", own_into(result))
                                    .by("gravity_direction", vector_into(options.effects.gravity_direction))))
       .by("noise", structure(Members()
                                  .by("stated", noise_into(options.noise.stated))
@@ -347,9 +350,6 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
       .with("threads", options.threads)
       .with("progress", result.progress)
       .read(keywords, "");
-  if (keywords.contains("effects") && py::dict(keywords["effects"]).contains("own")) {
-    result.own = py::dict(keywords["effects"])["own"];
-  }
   return result;
 }
 

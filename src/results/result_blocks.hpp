@@ -35,8 +35,9 @@ Json residuals_json(const Measurements& measurements, const CalibrationResult& c
 /// Left-out points and their predictions, null if more than kMostRows: {"configuration", "target", "distance"}.
 Json held_out_points_json(const Measurements& measurements, const CalibrationResult& calibration);
 
-/// Accuracy of the exported URDF without effects.
+/// Which axes were kept, and what the calibration with free axes leaves.
 Json kept_axes_json(const CalibrationResult& calibration);
+/// Accuracy of the exported URDF without effects.
 Json exported_urdf_json(const Robot& robot, const CalibrationResult& calibration);
 
 /// "gravity, gain (20 configurations needed); tables (50 configurations needed)"

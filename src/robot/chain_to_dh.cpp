@@ -123,18 +123,25 @@ DhTable dh_table_of(const Robot& robot, DhConvention convention) {
 }
 
 PoseDifference largest_difference(const Robot& a, const Robot& b) {
+  KDL::ChainFkSolverPos_recursive solver(b.chain);
+  return largest_difference(a, [&](const KDL::JntArray& joints) {
+    KDL::Frame pose;
+    solver.JntToCart(joints, pose);
+    return pose;
+  });
+}
+
+PoseDifference largest_difference(const Robot& robot, const std::function<KDL::Frame(const KDL::JntArray&)>& other) {
   Random random(1);
-  const Eigen::MatrixXd q = random_configurations(a.joints, limits_of(a.joints), 1000, random);
-  KDL::ChainFkSolverPos_recursive solver_a(a.chain);
-  KDL::ChainFkSolverPos_recursive solver_b(b.chain);
+  const Eigen::MatrixXd q = random_configurations(robot.joints, limits_of(robot.joints), 1000, random);
+  KDL::ChainFkSolverPos_recursive solver(robot.chain);
   PoseDifference largest;
   KDL::JntArray joints(static_cast<unsigned>(q.rows()));
   for (Eigen::Index c = 0; c < q.cols(); ++c) {
     joints.data = q.col(c);
     KDL::Frame pose_a;
-    KDL::Frame pose_b;
-    solver_a.JntToCart(joints, pose_a);
-    solver_b.JntToCart(joints, pose_b);
+    solver.JntToCart(joints, pose_a);
+    const KDL::Frame pose_b = other(joints);
     largest.position = std::max(largest.position, (pose_a.p - pose_b.p).Norm());
     // KDL's own angle of a rotation takes angles below 1e-6 for zero.
     const KDL::Rotation turn = pose_a.M.Inverse() * pose_b.M;

@@ -1,5 +1,9 @@
 #pragma once
 
+#include <functional>
+#include <kdl/frames.hpp>
+#include <kdl/jntarray.hpp>
+
 #include "kdl_calibration/robot.hpp"
 #include "robot/dh_table.hpp"
 
@@ -12,5 +16,7 @@ DhTable dh_table_of(const Robot& robot, DhConvention convention);
 
 /// Of two robots with the same joints, by KDL at 1,000 random configurations in the limits of the first.
 PoseDifference largest_difference(const Robot& a, const Robot& b);
+/// The same of a robot and of another function for the tip in the base.
+PoseDifference largest_difference(const Robot& robot, const std::function<KDL::Frame(const KDL::JntArray&)>& other);
 
 }  // namespace kdl_calibration

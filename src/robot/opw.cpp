@@ -5,15 +5,12 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <kdl/chainfksolverpos_recursive.hpp>
 #include <kdl/jntarray.hpp>
 #include <numbers>
 #include <utility>
 
-#include "base/random.hpp"
 #include "kdl_calibration/input_error.hpp"
-#include "robot/dh_table.hpp"
-#include "robot/joint_ranges.hpp"
+#include "robot/chain_to_dh.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -24,14 +21,14 @@ using KDL::Vector;
 constexpr double kNoLength = 1e-9;     // [m], or relative
 constexpr double kTipRounding = 1e-9;  // [m], [rad] of a tip
 
-struct Line {
+struct ArmAxis {
   Vector point;
   Vector direction;
 };
 
 // The axes in the base frame, all joints at zero, and the tip.
 struct Arm {
-  std::array<Line, 6> axes;
+  std::array<ArmAxis, 6> axes;
   KDL::Frame tip;
 };
 
@@ -53,7 +50,7 @@ Arm arm_of(const Robot& robot) {
 }
 
 // The point of the first line next to the second, which is not parallel to it.
-Vector next_point(const Line& first, const Line& second) {
+Vector next_point(const ArmAxis& first, const ArmAxis& second) {
   const double cosine = dot(first.direction, second.direction);
   const Vector apart = second.point - first.point;
   const double along = dot(apart, first.direction) - cosine * dot(apart, second.direction);
@@ -63,13 +60,13 @@ Vector next_point(const Line& first, const Line& second) {
 double sign_of(double value) { return value < 0.0 ? -1.0 : 1.0; }
 
 // What would be zero in the family, with words for it.
-struct Deviation {
+struct Departure {
   double size = 0.0;
   std::string words;
 };
 
 std::string largest_deviation(const Robot& robot, const Arm& arm, const Vector& wrist) {
-  std::vector<Deviation> all;
+  std::vector<Departure> all;
   for (std::size_t i = 0; i + 1 < arm.axes.size(); ++i) {
     const Vector& first = arm.axes[i].direction;
     const Vector& second = arm.axes[i + 1].direction;
@@ -86,32 +83,11 @@ std::string largest_deviation(const Robot& robot, const Arm& arm, const Vector& 
   return std::max_element(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.size < b.size; })->words;
 }
 
-PoseDifference difference_of(const Robot& robot, const OpwParameters& parameters) {
-  Random random(1);
-  const Eigen::MatrixXd q = random_configurations(robot.joints, limits_of(robot.joints), 1000, random);
-  KDL::ChainFkSolverPos_recursive solver(robot.chain);
-  KDL::JntArray joints(6);
-  PoseDifference largest;
-  for (Eigen::Index c = 0; c < q.cols(); ++c) {
-    joints.data = q.col(c);
-    KDL::Frame pose;
-    solver.JntToCart(joints, pose);
-    const KDL::Frame other = opw_pose(parameters, {q.col(c).begin(), q.col(c).end()});
-    largest.position = std::max(largest.position, (pose.p - other.p).Norm());
-    for (int axis = 0; axis < 3; ++axis) {
-      const Vector moved =
-          pose.M * Vector(axis == 0, axis == 1, axis == 2) - other.M * Vector(axis == 0, axis == 1, axis == 2);
-      largest.rotation = std::max(largest.rotation, moved.Norm());
-    }
-  }
-  return largest;
-}
-
 // Basis: axes 1 to 3. Its angles at joint values of zero go to t[0] and t[1]. Returns the axes x and y of link 1.
 std::pair<Vector, Vector> add_basis(const Arm& arm, const Vector& wrist, OpwParameters& found,
                                     std::array<double, 6>& t) {
-  const Line& first = arm.axes[0];
-  const Line& second = arm.axes[1];
+  const ArmAxis& first = arm.axes[0];
+  const ArmAxis& second = arm.axes[1];
   found.signs[0] = static_cast<int>(sign_of(first.direction.z()));
   const Vector z = first.direction * found.signs[0];
   const Vector origin = first.point + z * -dot(first.point, z);
@@ -193,7 +169,9 @@ OpwParameters opw_parameters_of(const Robot& robot) {
     found.offsets[i] = std::abs(at_zero[i]) < 1e-15 ? 0.0 : -std::remainder(at_zero[i], 2.0 * std::numbers::pi);
   }
   found.tip = opw_pose(found, std::vector<double>(6, 0.0)).Inverse() * arm.tip;
-  const PoseDifference difference = difference_of(robot, found);
+  const PoseDifference difference = largest_difference(robot, [&](const KDL::JntArray& q) {
+    return opw_pose(found, {q.data.begin(), q.data.end()});
+  });
   if (std::max(difference.position, difference.rotation) > kTipRounding) {
     throw InputError(fmt::format(
         "{}: no arm of OPW kinematics, which would miss its tip by up to {:.2g} mm and {:.2g} "

@@ -90,7 +90,7 @@ DistanceLevels distance_levels(const Measurements& measurements, const std::vect
 }
 
 // A distance that deviates by `amount` in one repeat, or from one configuration on.
-struct Deviation {
+struct DistanceChange {
   Pair pair;
   double amount = 0.0;
   int start = 0;        // of a change
@@ -99,10 +99,10 @@ struct Deviation {
 
 // The target responsible for most deviations, then for the largest; both targets of a single pair. Removes the
 // explained deviations from the list.
-std::pair<std::set<std::size_t>, double> blame(std::vector<Deviation>& deviations) {
+std::pair<std::set<std::size_t>, double> blame(std::vector<DistanceChange>& deviations) {
   std::map<std::size_t, std::pair<int, double>> score;
   double largest = 0.0;
-  for (const Deviation& deviation : deviations) {
+  for (const DistanceChange& deviation : deviations) {
     for (const std::size_t target : {deviation.pair.first, deviation.pair.second}) {
       auto& [count, sum] = score[target];
       ++count;
@@ -113,15 +113,15 @@ std::pair<std::set<std::size_t>, double> blame(std::vector<Deviation>& deviation
   const auto worst =
       std::max_element(score.begin(), score.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
   if (worst->second.first == 1) {
-    const auto found = std::find_if(deviations.begin(), deviations.end(), [&](const Deviation& deviation) {
+    const auto found = std::find_if(deviations.begin(), deviations.end(), [&](const DistanceChange& deviation) {
       return deviation.pair.first == worst->first || deviation.pair.second == worst->first;
     });
-    const Deviation alone = *found;
+    const DistanceChange alone = *found;
     deviations.erase(found);
     return {{alone.pair.first, alone.pair.second}, std::abs(alone.amount)};
   }
   double amount = 0.0;
-  std::erase_if(deviations, [&](const Deviation& deviation) {
+  std::erase_if(deviations, [&](const DistanceChange& deviation) {
     const bool explained = deviation.pair.first == worst->first || deviation.pair.second == worst->first;
     amount = explained ? std::max(amount, std::abs(deviation.amount)) : amount;
     return explained;
@@ -130,7 +130,7 @@ std::pair<std::set<std::size_t>, double> blame(std::vector<Deviation>& deviation
 }
 
 std::vector<QualityFinding> slips_in_distances(const Measurements& measurements, const DistanceLevels& distances) {
-  std::vector<Deviation> changes;
+  std::vector<DistanceChange> changes;
   for (const auto& [pair, levels] : distances.levels) {
     for (std::size_t i = 0; i < levels.starts.size(); ++i) {
       changes.push_back({.pair = pair,
@@ -142,11 +142,11 @@ std::vector<QualityFinding> slips_in_distances(const Measurements& measurements,
   std::vector<QualityFinding> findings;
   while (!changes.empty()) {
     // The largest change locates the slip best; others of the same slip may be one configuration off.
-    const Deviation largest = *std::max_element(
+    const DistanceChange largest = *std::max_element(
         changes.begin(), changes.end(),
-        [](const Deviation& a, const Deviation& b) { return std::abs(a.amount) < std::abs(b.amount); });
-    std::vector<Deviation> together;
-    std::erase_if(changes, [&](const Deviation& change) {
+        [](const DistanceChange& a, const DistanceChange& b) { return std::abs(a.amount) < std::abs(b.amount); });
+    std::vector<DistanceChange> together;
+    std::erase_if(changes, [&](const DistanceChange& change) {
       const bool near = std::abs(change.start - largest.start) <= 1;
       if (near) {
         together.push_back(change);
@@ -163,7 +163,7 @@ std::vector<QualityFinding> slips_in_distances(const Measurements& measurements,
 
 // Distances beyond their limit, and the sum of squares of all.
 struct Deviations {
-  std::vector<Deviation> beyond;
+  std::vector<DistanceChange> beyond;
   double cost = 0.0;  // sum of squares in units of sigma
 };
 
@@ -215,7 +215,7 @@ std::vector<QualityFinding> check_distances(const Measurements& measurements) {
   std::vector<Found> all_found;
   for (const Group& group : groups) {
     const auto named = [&](std::size_t row) { return target_of(measurements, row); };
-    std::vector<Deviation> out = deviations(measurements, group, distances, relative, named).beyond;
+    std::vector<DistanceChange> out = deviations(measurements, group, distances, relative, named).beyond;
     if (out.empty()) {
       continue;
     }

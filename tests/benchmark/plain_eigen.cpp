@@ -44,7 +44,8 @@ Outcome fit_with_plain_eigen(const Experiment& experiment, const Measurements& m
   Matrix6Xd chain;
   return gauss_newton(experiment, measured, max_iterations, [&](const Estimate& estimate, MatrixXd& J, VectorXd& e) {
     const FoldedChain folded_now = folded(experiment.model, estimate.errors);
-    const std::vector<ParameterTwist> twists = chain_twists(experiment.model, estimate, experiment.free);
+    const std::vector<ParameterTwist> twists =
+        chain_twists(experiment.model, folded_now, estimate.errors, experiment.free);
     J.setZero();
     std::int32_t configuration = -1;
     Eigen::Isometry3d X_WF;
