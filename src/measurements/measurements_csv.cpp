@@ -85,34 +85,40 @@ UsedColumns used_columns(const Measurements& measurements) {
   return used;
 }
 
-std::string csv_header(const Measurements& measurements, const UsedColumns& used) {
-  std::string text = "configuration";
-  if (used.split) text += ",split";
-  if (used.repeat) text += ",repeat";
-  if (used.station) text += ",station";
-  text += ",target";
+JointUnit unit_of(const Measurements& measurements, std::size_t joint) {
+  return measurements.joint_units.empty() ? JointUnit::unstated : measurements.joint_units[joint];
+}
+
+std::string joint_columns(const Measurements& measurements) {
+  std::string text;
   const std::vector<std::string> names = csv_labels(measurements.joints, "joint", measurements.source);
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (is_fixed_column(measurements.joints[i])) {
       fail(measurements.source, "joint " + shown(names[i]) + " is named like a column of the measurements");
     }
-    const JointUnit unit = measurements.joint_units.empty() ? JointUnit::unstated : measurements.joint_units[i];
-    std::string name = measurements.joints[i];
-    if (unit == JointUnit::radian) name += "[rad]";
-    if (unit == JointUnit::metre) name += "[m]";
-    text += "," + csv_field(name);
+    const JointUnit unit = unit_of(measurements, i);
+    const char* in = unit == JointUnit::radian ? "[rad]" : unit == JointUnit::metre ? "[m]" : "";
+    text += "," + csv_field(measurements.joints[i] + in);
   }
-  text += ",x[m],y[m],z[m]";
+  return text;
+}
+
+std::string csv_header(const Measurements& measurements, const UsedColumns& used) {
+  std::string text = "configuration";
+  if (used.split) text += ",split";
+  if (used.repeat) text += ",repeat";
+  if (used.station) text += ",station";
+  text += ",target" + joint_columns(measurements) + ",x[m],y[m],z[m]";
   if (used.along) text += ",n_x,n_y,n_z,along[m]";
   if (used.distance) text += ",distance[m]";
   if (used.quaternion) text += ",qw,qx,qy,qz";
   if (used.sigma) text += ",sigma[m]";
   if (used.order) text += ",order";
   for (const Eigen::Index j : used.torques) {
-    const JointUnit unit =
-        measurements.joint_units.empty() ? JointUnit::unstated : measurements.joint_units[static_cast<std::size_t>(j)];
+    const auto joint = static_cast<std::size_t>(j);
+    const JointUnit unit = unit_of(measurements, joint);
     const char* in = unit == JointUnit::radian ? "[Nm]" : unit == JointUnit::metre ? "[N]" : "";
-    text += "," + csv_field("tau_" + measurements.joints[static_cast<std::size_t>(j)] + in);
+    text += "," + csv_field("tau_" + measurements.joints[joint] + in);
   }
   for (const Circumstance circumstance : used.circumstances) {
     text += circumstance == Circumstance::temperature ? ",temperature[degC]" : ",payload[kg]";
