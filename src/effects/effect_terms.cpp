@@ -242,6 +242,22 @@ std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std
   return kept;
 }
 
+// The columns at these configurations. Throws InputError if a row depends on the others, such as on their mean: it
+// would be another one in every prediction.
+MatrixXd columns_by_row(const OwnEffect& own, const MatrixXd& joint_values) {
+  constexpr double kSame = 1e-9;
+  const MatrixXd columns = own_columns(own.name, own.columns, joint_values);
+  for (const Index c : {Index{0}, joint_values.cols() - 1}) {
+    const MatrixXd alone = own_columns(own.name, own.columns, joint_values.col(c));
+    if (alone.cols() != columns.cols() || !((alone.row(0) - columns.row(c)).norm() <= kSame * columns.norm())) {
+      throw InputError("effects.own: " + own.name +
+                       " gives other values at one configuration than among all, expected a function of the joint "
+                       "values of each alone");
+    }
+  }
+  return columns;
+}
+
 }  // namespace
 
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const MatrixXd& joint_values,
@@ -300,7 +316,7 @@ std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own,
     throw InputError("effects.own: " + own.name + " moves " + own.joint + ", expected a moving joint of the robot");
   }
   const auto joint = static_cast<std::size_t>(found - model.joints.begin());
-  const Index columns = own_columns(own.name, own.columns, joint_values).cols();
+  const Index columns = columns_by_row(own, joint_values).cols();
   std::vector<EffectTerm> all;
   for (Index column = 0; column < columns; ++column) {
     all.push_back(

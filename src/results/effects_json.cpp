@@ -1,15 +1,19 @@
 #include "results/effects_json.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <span>
 #include <string>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "calibration/parameter_estimates.hpp"
+#include "effects/effect_functions.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -84,6 +88,20 @@ Json function_json(const PayloadTorque& payload) { return {{"centre", array(to_e
 
 Json function_json(const OwnFunction& own) { return {{"effect", own.effect}, {"column", own.column}}; }
 
+// Where a function of the caller's own is lowest and highest, and its values there: they tell it from another one.
+Json checks_json(const OwnFunction& own, const Eigen::MatrixXd& joint_values) {
+  const Eigen::VectorXd values = own_values(own, joint_values);
+  std::array<Eigen::Index, 2> places{};
+  values.minCoeff(&places[0]);
+  values.maxCoeff(&places[1]);
+  Json checks = Json::array();
+  for (const Eigen::Index place : places) {
+    const auto q = joint_values.col(place);
+    checks.push_back({{"joint_values", std::vector<double>(q.begin(), q.end())}, {"value", values[place]}});
+  }
+  return checks;
+}
+
 Json term_json(const EffectTerm& term, double coefficient) {
   return {{"name", term.name},
           {"joint", term.joint},
@@ -155,7 +173,28 @@ JointCoupling read_coupling(const Node& node, int joints) {
   return coupling;
 }
 
-OwnFunction read_own(const Node& node, std::span<const OwnEffect> own) {
+// Throws InputError where the function has not the values that the result states.
+void require_same_values(const Node& checks, const OwnFunction& own, const EffectTerm& term, Eigen::Index joints) {
+  constexpr double kSame = 1e-6;
+  for (const Node& check : elements(checks)) {
+    const Node stated = member(check, "joint_values");
+    Eigen::MatrixXd joint_values(joints, 1);
+    const std::vector<Node> each = elements(stated);
+    if (static_cast<Eigen::Index>(each.size()) != joints) {
+      tree::fail(stated, std::to_string(joints) + " joint values");
+    }
+    std::transform(each.begin(), each.end(), joint_values.data(), [](const Node& value) { return number(value); });
+    const Node value = member(check, "value");
+    const double given = own_values(own, joint_values)[0];
+    if (!(std::abs(given - number(value)) <= kSame * std::max(term.scale, std::abs(number(value))))) {
+      tree::fail(value, fmt::format("{}, which the given function '{}' has there: it is another one than that of this "
+                                    "result",
+                                    shortest(given), own.effect));
+    }
+  }
+}
+
+OwnFunction read_own(const Node& node, const EffectTerm& term, std::span<const OwnEffect> own, Eigen::Index joints) {
   const Node effect = member(node, "effect");
   const std::string name = tree::name(effect);
   const auto found = std::find_if(own.begin(), own.end(), [&](const OwnEffect& given) { return given.name == name; });
@@ -163,10 +202,19 @@ OwnFunction read_own(const Node& node, std::span<const OwnEffect> own) {
     tree::fail(effect, "a result whose effects are all kdlcal's: '" + name +
                            "' is a function of the program that fitted it, which only that program can give again");
   }
-  return {.effect = name, .columns = found->columns, .column = whole_number(member(node, "column"), 0, 1000)};
+  if (found->joint != term.joint || found->axis != term.axis) {
+    tree::fail(effect, fmt::format("a result in which '{}' moves {} about '{}', as the given one does", name,
+                                   found->joint, to_string(found->axis)));
+  }
+  OwnFunction function{
+      .effect = name, .columns = found->columns, .column = whole_number(member(node, "column"), 0, 1000)};
+  if (has(node, "checks")) {
+    require_same_values(member(node, "checks"), function, term, joints);
+  }
+  return function;
 }
 
-EffectFunction read_function(const Node& node, EffectGroup group, const ErrorModel& model,
+EffectFunction read_function(const Node& node, EffectGroup group, const EffectTerm& term, const ErrorModel& model,
                              std::span<const OwnEffect> own) {
   const auto joints = static_cast<int>(model.joints.size());
   switch (group) {
@@ -204,7 +252,7 @@ EffectFunction read_function(const Node& node, EffectGroup group, const ErrorMod
       return PayloadTorque{{centre.x(), centre.y(), centre.z()}};
     }
     case EffectGroup::own:
-      return read_own(node, own);
+      return read_own(node, term, own, joints);
     case EffectGroup::gain:
       break;
   }
@@ -238,7 +286,7 @@ EffectTerm read_term(const Node& node, const ErrorModel& model, std::span<const 
   term.mean = number(member(node, "mean"));
   term.scale = positive(member(node, "scale"));
   term.sigma = positive(member(node, "sigma"));
-  term.function = read_function(member(node, "function"), known, model, own);
+  term.function = read_function(member(node, "function"), known, term, model, own);
   return term;
 }
 
@@ -272,6 +320,9 @@ Json effects_json(const CalibrationResult& calibration, const Measurements& meas
       continue;
     }
     terms.push_back(term_json(*term, parameter.value));
+    if (const auto* const own = std::get_if<OwnFunction>(&term->function)) {
+      terms.back()["function"]["checks"] = checks_json(*own, measurements.joint_values);
+    }
     terms.back()["std"] = finite_or_null(parameter.std);
     terms.back()["degrees_of_freedom"] = finite_or_null(parameter.degrees_of_freedom);
     terms.back()["valid_range"] = range_json(ranges[static_cast<std::size_t>(term->index)]);

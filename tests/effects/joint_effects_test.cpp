@@ -320,6 +320,14 @@ TEST(JointEffects, WrongValuesOfACallersFunctionAreRefused) {
                 return Eigen::MatrixXd((at.row(0).transpose().array() / 0.0).matrix());
               }),
               ::testing::HasSubstr("not finite at joint values 0.25, 0.25"));
+  const Eigen::MatrixXd several = Eigen::MatrixXd::Random(6, 5);
+  EXPECT_THAT(testing::refusal([&] {
+                const OwnColumns centred = [](const Eigen::MatrixXd& at) {
+                  return Eigen::MatrixXd((at.row(1).array() - at.row(1).mean()).matrix().transpose());
+                };
+                own_terms(model, own_effect("bend", centred), several);
+              }),
+              ::testing::HasSubstr("bend gives other values at one configuration than among all"));
   OwnEffect elsewhere = own_effect("bend", [](const Eigen::MatrixXd& at) { return Eigen::MatrixXd(at.transpose()); });
   elsewhere.joint = "joint_9";
   EXPECT_THAT(testing::refusal([&] { own_terms(model, elsewhere, q); }),

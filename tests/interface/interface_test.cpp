@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/number_text.hpp"
 #include "calibration/calibration_settings.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/kdl_calibration.hpp"
@@ -302,6 +303,27 @@ TEST_F(InterfaceFiles, ResultsWithEffectsOfTheCallersOwnAreReadWithThem) {
   EXPECT_NEAR(after.radius_95 / before.radius_95, 1.0, 1e-9);
   EXPECT_THAT(refusal([&] { load_calibration(file("r.json"), fanuc()); }),
               HasSubstr("'bend' is a function of the program that fitted it"));
+
+  // One of the same name that is another: by its values, its joint or its axis.
+  const auto refused = [&](OwnEffect other) {
+    return refusal([&] { load_calibration(file("r.json"), fanuc(), {std::move(other)}); });
+  };
+  OwnEffect larger = bend;
+  larger.columns = [&](const Eigen::MatrixXd& q) { return Eigen::MatrixXd(1.001 * bend.columns(q)); };
+  const Eigen::ArrayXd raw = bend.columns(data.joint_values).array();
+  EXPECT_THAT(refused(larger),
+              HasSubstr("terms[0]: function: checks[0]: value: expected " + shortest(1.001 * raw.minCoeff())));
+  OwnEffect lower_there = bend;
+  lower_there.columns = [&](const Eigen::MatrixXd& q) {
+    return Eigen::MatrixXd(bend.columns(q).cwiseMin(raw.maxCoeff() - 1e-3));
+  };
+  EXPECT_THAT(refused(lower_there), HasSubstr("checks[1]: value: expected " + shortest(raw.maxCoeff() - 1e-3)));
+  OwnEffect elsewhere = bend;
+  elsewhere.joint = "joint_3";
+  EXPECT_THAT(refused(elsewhere), HasSubstr("expected a result in which 'bend' moves joint_3 about 'own'"));
+  OwnEffect across = bend;
+  across.axis = EffectAxis::across_y;
+  EXPECT_THAT(refused(across), HasSubstr("'bend' moves joint_2 about 'y'"));
 }
 
 // Values that no calibration has, in a file that no hashes protect.

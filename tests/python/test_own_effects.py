@@ -68,6 +68,8 @@ def test_files_and_copies_need_the_function(robot, yielding, random, tmp_path):
     q = random.uniform(-1.0, 1.0, (50, 6))
     with pytest.raises(kc.InputError, match="'bend' is a function of the program"):
         kc.load(tmp_path / "result.json", robot)
+    with pytest.raises(kc.InputError, match="'bend' has there: it is another one"):
+        kc.load(tmp_path / "result.json", robot, own={"bend": {"joint": "joint_2", "function": lambda q: 1.1 * bend(q)}})
     loaded = kc.load(tmp_path / "result.json", robot, own=found.own)
     for other in (loaded, pickle.loads(pickle.dumps(found)), pickle.loads(pickle.dumps(loaded))):
         np.testing.assert_allclose(other.predict(q, "A").position, found.predict(q, "A").position, rtol=0, atol=1e-12)
@@ -82,6 +84,7 @@ def test_what_a_function_does_wrong_is_told(robot, yielding):
         (lambda q: q[:3, 0], kc.InputError, "3 rows of 1 columns, expected a row for each of the 60"),
         (lambda q: np.full(len(q), np.nan), kc.InputError, "not finite at joint values"),
         (lambda q: np.ones(len(q)), kc.InputError, "the same at all configurations"),
+        (lambda q: q[:, 1] - q[:, 1].mean(), kc.InputError, "other values at one configuration than among all"),
         (lambda q: np.ones((len(q), 1, 1)), ValueError, r"\(60, 1, 1\), expected \(N,\) or \(N, K\)"),
         (lambda q: "text", TypeError, "effects.own.wave.function"),
         (5, TypeError, "expected a function of joint values"),

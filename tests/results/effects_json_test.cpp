@@ -112,14 +112,16 @@ TEST(EffectsJson, ACallersFunctionIsReadByItsName) {
                 }),
                 HasSubstr("effect: expected a result whose effects are all kdlcal's: 'bend' is a function of the"));
   }
-  EXPECT_THAT(refusal([&] {
-                const OwnEffect fewer{.name = "bend", .joint = "joint_2", .columns = [](const Eigen::MatrixXd& at) {
-                                        return Eigen::MatrixXd(at.topRows(2).transpose());
-                                      }};
-                again.effects = read_effects({json, "effects"}, complete_model(testing::fanuc()), {{fewer}}).terms;
-                effect_basis(again, q);
-              }),
-              HasSubstr("bend gives 2 columns, expected as many as when it was fitted"));
+  EXPECT_THAT(
+      refusal([&] {
+        const OwnEffect fewer{
+            .name = "bend", .joint = "joint_2", .axis = EffectAxis::across_x, .columns = [](const Eigen::MatrixXd& at) {
+              return Eigen::MatrixXd(at.topRows(2).transpose());
+            }};
+        again.effects = read_effects({json, "effects"}, complete_model(testing::fanuc()), {{fewer}}).terms;
+        effect_basis(again, q);
+      }),
+      HasSubstr("bend gives 2 columns, expected as many as when it was fitted"));
 }
 
 /// What reading is refused with where the last term whose name begins so is changed.
