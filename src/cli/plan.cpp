@@ -1,4 +1,5 @@
 #include <fmt/core.h>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -41,6 +42,7 @@ namespace {
 using Eigen::Index;
 
 constexpr int kConfigurations = 30;
+constexpr int kAfter = 8;
 constexpr int kMostForAccuracy = 500;
 
 // Targets from a file, else from the result, else registered to the measured file on the nominal robot.
@@ -55,6 +57,17 @@ FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, c
     return {.targets = nominal_start(model, *request.measured).frames.targets, .facing = {}};
   }
   return {.targets = published_targets(arguments.targets), .facing = {}};
+}
+
+std::vector<std::string> suspects(const PlanArguments& arguments, const Robot& robot) {
+  const std::vector<std::string> joints = joint_names(robot);
+  for (const std::string& joint : arguments.suspects) {
+    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
+      throw InputError("--suspect: " + robot.source + " has no joint " + shown(joint) + ", expected some of " +
+                       comma_separated(joints));
+    }
+  }
+  return arguments.suspects;
 }
 
 Eigen::VectorXd home(const PlanArguments& arguments, const PlanSetting& setting) {
@@ -115,6 +128,10 @@ PlanSetting setting(const PlanArguments& arguments) {
   if (!arguments.result.empty()) {
     request.calibrated = read_result(arguments.result, request.robot);
   }
+  if (!arguments.after.empty()) {
+    request.calibrated = read_result(arguments.after, request.robot);
+    request.suspects = suspects(arguments, request.robot);
+  }
   const FacingTargets facing = targets(arguments, model, request);
   request.targets = facing.targets;
   if (arguments.cell.frame.empty() ? convention != nullptr : arguments.cell.frame == "world") {
@@ -125,8 +142,8 @@ PlanSetting setting(const PlanArguments& arguments) {
   request.noise = noise(arguments, request.cell);
   request.priors = arguments.priors;
   request.effects = effect_groups(arguments.effects, {"none"});
-  request.count = arguments.add.value_or(
-      arguments.configurations.value_or(arguments.accuracy_mm ? kMostForAccuracy : kConfigurations));
+  const int usual = arguments.accuracy_mm ? kMostForAccuracy : !arguments.after.empty() ? kAfter : kConfigurations;
+  request.count = arguments.add.value_or(arguments.configurations.value_or(usual));
   if (arguments.accuracy_mm) {
     request.accuracy = *arguments.accuracy_mm * 1e-3;
   }
@@ -155,9 +172,10 @@ void require_sound(const PlanArguments& arguments) {
   if (!arguments.measured.measurements.empty() && !arguments.result.empty()) {
     throw InputError("--result: --measured says what was measured, expected one of the two");
   }
-  if (!arguments.result.empty() && arguments.monte_carlo > 0) {
+  if (arguments.monte_carlo > 0 && !(arguments.result.empty() && arguments.after.empty())) {
     throw InputError(
-        "--monte-carlo: repeats the measurements themselves, expected --measured FILE instead of --result");
+        fmt::format("--monte-carlo: repeats the measurements themselves, expected --measured FILE instead of {}",
+                    arguments.result.empty() ? "--after" : "--result"));
   }
   if (arguments.add && arguments.configurations) {
     throw InputError("--configurations: --add says how many to choose, expected one of the two");
@@ -171,6 +189,7 @@ void require_no_others(const PlanArguments& arguments) {
   const std::vector<std::pair<const char*, bool>> others = {
       {"--measured", !arguments.measured.measurements.empty()},
       {"--result", !arguments.result.empty()},
+      {"--after", !arguments.after.empty()},
       {"--accuracy", arguments.accuracy_mm.has_value()},
       {"--criterion", arguments.criterion != "D"},
       {"--effects", arguments.effects != std::vector<std::string>{"none"}},
@@ -297,6 +316,9 @@ ExitStatus run(const PlanArguments& arguments) {
   Plan result = make_plan(set.request);
   warn_of_narrowed(set.request.robot, result.narrowed);
   add_cell_note(arguments, set, result.sheet);
+  if (!arguments.after.empty()) {
+    result.sheet.notes.push_back("Filled in, it is for kdlcal calibrate --prior-result " + arguments.after + ".");
+  }
   for (OutputFile& file : files) {
     file.text = file.option == "--program"  ? program_of(arguments, set, result.sheet, *language)
                 : file.option == "--output" ? sheet_csv(arguments, set, result.sheet)
@@ -308,15 +330,23 @@ ExitStatus run(const PlanArguments& arguments) {
 }
 
 void add_counts(CLI::App& app, PlanArguments& arguments) {
-  limit_count(app.add_option("--configurations", arguments.configurations,
-                             "Configurations to choose [30]; with --accuracy the most that may be [500]"),
-              {1, kMostPlanned});
+  limit_count(
+      app.add_option("--configurations", arguments.configurations,
+                     "Configurations to choose [30, with --after 8]; with --accuracy the most that may be [500]"),
+      {1, kMostPlanned});
   add_file(app, "--measured", arguments.measured.measurements, "Plan on top of these measurements (CSV)");
   add_reading_options(app, "--measured", arguments.measured);
   for (const char* name : {"--joints-file", "--exclude", "--orientation"}) {
     app.get_option(name)->needs("--measured");
   }
   add_file(app, "--result", arguments.result, "Plan on top of what this calibration knows, at its geometry (JSON)");
+  add_file(app, "--after", arguments.after,
+           "Tell what has changed since this calibration, with base and targets anew, and mend it (JSON): [8] "
+           "configurations for calibrate --prior-result")
+      ->excludes("--measured", "--result");
+  add_list(app, "--suspect", arguments.suspects, "Joints that may have changed [all]")
+      ->type_name("JOINT,...")
+      ->needs("--after");
   limit_count(app.add_option("--add", arguments.add, "With --measured or --result: configurations to add"),
               {1, kMostPlanned});
   app.add_option("--accuracy", arguments.accuracy_mm, "As few configurations as promise this 1 sigma, mm")
@@ -338,7 +368,7 @@ void add_experiment(CLI::App& app, PlanArguments& arguments) {
   add_place_options(app, arguments.places);
   add_plate_options(app, arguments.places);
   add_count(app, "--targets", arguments.targets, {1, 100}, "Targets on the tool, the published ones")
-      ->excludes(file, app.get_option("--measured"), app.get_option("--result"));
+      ->excludes(file, app.get_option("--measured"), app.get_option("--result"), app.get_option("--after"));
   app.add_option("--noise", arguments.noise.sigma, "1 sigma of every measured coordinate, m")
       ->type_name("M")
       ->check(number_between(1e-12, 1.0, "metres from 1e-12 to 1"))

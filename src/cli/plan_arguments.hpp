@@ -25,6 +25,8 @@ struct PlanArguments {
   std::string accuracy_of = "mean";
   MeasurementArguments measured;
   std::string result;
+  std::string after;
+  std::vector<std::string> suspects;
   int candidates = 5000;
   int workspace = 5000;
   std::string tasks;

@@ -74,22 +74,44 @@ void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experim
   }
 }
 
+// Adds the variances of what may have changed to those of the errors with these names.
+void add_changes(const Experiment& experiment, const std::vector<std::string>& suspects,
+                 const std::vector<std::string>& names, MatrixXd& covariance) {
+  for (const ErrorParameter& parameter : experiment.model.parameters) {
+    const auto found = std::find(names.begin(), names.end(), parameter.name);
+    const bool is_suspect =
+        suspects.empty() || std::find(suspects.begin(), suspects.end(), parameter.joint) != suspects.end();
+    if (is_suspect && found != names.end()) {
+      const auto column = static_cast<Eigen::Index>(found - names.begin());
+      covariance(column, column) += kOrdinaryChange * kOrdinaryChange;
+    }
+  }
+}
+
 // The calibration's information about the experiment's columns, marginalised over others; zero for undetermined
 // columns.
-MatrixXd known_information(const Experiment& experiment, const CalibrationParts& calibrated) {
+MatrixXd known_information(const PlanRequest& request, const Experiment& experiment) {
+  const CalibrationParts& calibrated = *request.calibrated;
   require_count("columns of a calibration's covariance", calibrated.covariance.cols(), calibrated.covariance.rows());
+  const Unknowns same =
+      request.suspects ? calibrated.free.without(UnknownGroup::base).without(UnknownGroup::targets) : calibrated.free;
   std::vector<Eigen::Index> here;
   std::vector<Eigen::Index> there;
+  std::vector<std::string> known_names;
   const std::vector<std::string> names = experiment.free.names();
   for (std::size_t c = 0; c < names.size(); ++c) {
-    const std::optional<Eigen::Index> column = calibrated.free.column(names[c]);
+    const std::optional<Eigen::Index> column = same.column(names[c]) ? calibrated.free.column(names[c]) : std::nullopt;
     if (column && *column < calibrated.covariance.rows() && std::isfinite(calibrated.covariance(*column, *column))) {
       here.push_back(static_cast<Eigen::Index>(c));
       there.push_back(*column);
+      known_names.push_back(names[c]);
     }
   }
   MatrixXd result = MatrixXd::Zero(experiment.free.size(), experiment.free.size());
-  const MatrixXd known = calibrated.covariance(there, there);
+  MatrixXd known = calibrated.covariance(there, there);
+  if (request.suspects) {
+    add_changes(experiment, *request.suspects, known_names, known);
+  }
   const MatrixXd inverse = known.ldlt().solve(MatrixXd::Identity(known.rows(), known.cols()));
   result(here, here) = inverse;
   return result;
@@ -98,7 +120,7 @@ MatrixXd known_information(const Experiment& experiment, const CalibrationParts&
 SelectionTask selection_task(const PlanRequest& request, const Plan& plan) {
   SelectionTask result{.candidates = {}, .given = prior_information(plan.experiment), .tasks = request.tasks};
   if (request.calibrated) {
-    result.given += known_information(plan.experiment, *request.calibrated);
+    result.given += known_information(request, plan.experiment);
   }
   if (request.measured) {
     result.given += information(plan.experiment, *request.measured);

@@ -19,6 +19,9 @@
 
 namespace kdl_calibration {
 
+/// [m] or [rad] 1 sigma of what a collision or a repair does to a geometric error.
+inline constexpr double kOrdinaryChange = 1e-3;
+
 /// The planning problem.
 struct PlanRequest {
   Robot robot;
@@ -29,6 +32,9 @@ struct PlanRequest {
   std::optional<Measurements> measured;  ///< existing measurements, which the plan extends
   /// An earlier calibration and its covariance: the plan uses its geometry and adds to its information.
   std::optional<CalibrationParts> calibrated;
+  /// Joints whose geometric errors may have changed since `calibrated`, each by about kOrdinaryChange; base and targets
+  /// are then new. Empty: every joint. None: all is as it was.
+  std::optional<std::vector<std::string>> suspects;
   /// Effects to be identified: the terms found by `calibrated` with their covariance, else the terms that the
   /// candidates can tell apart, with a prior of usual size.
   std::vector<EffectGroup> effects;

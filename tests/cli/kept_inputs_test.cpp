@@ -61,6 +61,7 @@ std::vector<Way> ways() {
            .inputs = kRobots + std::vector<Input>{{"--measured", "m.csv", {"--add", "1"}},
                                                   {"--joints-file", "joints.csv", {"--measured", "m.csv"}},
                                                   {"--result", "r.json"},
+                                                  {"--after", "r.json"},
                                                   {"--tasks", "plan.csv"},
                                                   {"--target-file", "targets.json"},
                                                   {"--joint-convention", "serial.json"}}},

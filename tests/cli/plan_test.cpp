@@ -125,6 +125,8 @@ std::vector<OptionCase> number_options() {
       {"ResultIsPlannedOn",
        {"--result", "r.json"},
        all_checks(lowers(kMean, 0.8), has_no_floor(), counts("/configurations", 8, 8))},
+      {"AfterACalibrationErrorsAreSmall", {"--after", "r.json"}, all_checks(lowers(kMean), has_no_floor())},
+      {"SuspectIsAllThatMayHaveChanged", {"--suspect", "joint_3"}, lowers(kMean, 0.95), {"--after", "r.json"}},
       {"MeasuredIsPlannedOn",
        {"--measured", "m.csv"},
        all_checks(lowers(kMean), has_no_floor(),
@@ -435,7 +437,7 @@ protected:
 
 TEST_P(PlanOption, HasItsEffectAndNoOther) {
   const std::string& option = GetParam().option.front();
-  if (option == "--result") {
+  if (option == "--result" || option == "--after" || option == "--suspect") {
     succeed({"calibrate", "--urdf", kArm, "--measurements", "m.csv", "--result", "r.json"});
   }
   Words command = {"plan"};
@@ -591,6 +593,17 @@ TEST_F(PlanCommand, KeepsOutOfTheWallThatThePendantsFrameStates) {
                               "5.670 m"));
 }
 
+TEST_F(PlanCommand, EightConfigurationsTellWhatHasChanged) {
+  write(kArm, arm().urdf);
+  succeed({"simulate", "--urdf", kArm, "--configurations", "20", "--noise", "3e-5", "--output", "m.csv"});
+  succeed({"calibrate", "--urdf", kArm, "--measurements", "m.csv", "--result", "r.json"});
+  const Words after = {"plan", "--urdf", kArm, "--after", "r.json", "--output", "few.csv", "--json"};
+  EXPECT_EQ(run_json(after)["configurations"].size(), 8U);
+  EXPECT_THAT(text_of("few.csv"), HasSubstr("# Filled in, it is for kdlcal calibrate --prior-result r.json."));
+  expect_refused(after + Words{"--force", "--suspect", "joint_1,joint_9"},
+                 {"--suspect", "no joint 'joint_9'", "joint_1, joint_2"});
+}
+
 TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   write(kArm, arm().urdf);
   expect_refused(with({"--urdf", kArm, "--accuracy", "0.001", "--configurations", "12"}),
@@ -602,6 +615,9 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   expect_refused(with({"--add", "3"}), {"--add", "--measured"});
   expect_refused(with({"--measured", "m.csv", "--result", "r.json"}), {"--result", "--measured", "one of the two"});
   expect_refused(with({"--result", "r.json", "--monte-carlo", "2"}), {"--monte-carlo", "--measured FILE"});
+  expect_refused(with({"--after", "r.json", "--monte-carlo", "2"}), {"--monte-carlo", "instead of --after"});
+  expect_refused(with({"--after", "r.json", "--result", "r.json"}), {"--after", "--result"});
+  expect_refused(with({"--suspect", "joint_3"}), {"--suspect", "--after"});
   expect_refused(with({"--noise-tracker", "1e-5,0,3e-5,8e-6"}), {"--noise-tracker", "--tracker x,y,z"});
   expect_refused(with({"--criterion", "A"}), {"--criterion", "D, G, I"});
   expect_refused(with({"--home", "1,2"}), {"--home", "6 joint values"});

@@ -28,6 +28,7 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
+using Eigen::VectorXd;
 using ::testing::HasSubstr;
 using testing::refusal;
 
@@ -225,6 +226,53 @@ TEST(Planner, OnTopOfACalibrationKnowsWhatItSaysOfItsColumns) {
   EXPECT_LT(sigma(1e-12, false), sigma(1e-9, false));
   EXPECT_GE(sigma(1e-12, true), sigma(1e-12, false));
   EXPECT_LT(sigma(1e-12, true), alone);
+}
+
+// Base and targets are new, and errors of the suspects are uncertain by 1 mm and 1 mrad. All others are known.
+TEST(Planner, AfterACalibrationOnlySuspectsAreUncertain) {
+  PlanRequest request = small_request();
+  CalibrationParts known;
+  known.model = complete_model(request.robot);
+  known.estimate = {.errors = VectorXd::Zero(static_cast<Index>(known.model.parameters.size())),
+                    .frames = {.targets = request.targets}};
+  known.free = make_plan(request).experiment.free;
+  constexpr double kKnown = 1e-16;
+  known.covariance = kKnown * MatrixXd::Identity(known.free.size(), known.free.size());
+  request.calibrated = known;
+  const std::vector<std::string> one = {"joint_5"};
+  for (const std::vector<std::string>& suspects : {one, std::vector<std::string>()}) {
+    request.suspects = suspects;
+    const Plan plan = make_plan(request);
+    const std::vector<std::string> names = plan.experiment.free.names();
+    std::vector<Index> uncertain;
+    std::vector<double> prior;
+    for (std::size_t c = 0; c < names.size(); ++c) {
+      const auto& all = known.model.parameters;
+      const auto error = std::find_if(all.begin(), all.end(), [&](const auto& p) { return p.name == names[c]; });
+      if (error == all.end() || suspects.empty() || error->joint == "joint_5") {
+        uncertain.push_back(static_cast<Index>(c));
+        prior.push_back(error == all.end() ? 0.0 : 1e6);
+      }
+    }
+    ASSERT_GT(uncertain.size(), suspects.empty() ? 30U : 17U);
+    MatrixXd sums = information(plan.experiment, plan.sheet.joint_values)(uncertain, uncertain);
+    sums += Eigen::Map<const VectorXd>(prior.data(), static_cast<Index>(prior.size())).asDiagonal();
+    const VectorXd expected = sums.inverse().diagonal();
+    const VectorXd variances = plan.selection.information.inverse().diagonal();
+    for (std::size_t k = 0; k < uncertain.size(); ++k) {
+      const std::string& name = names[static_cast<std::size_t>(uncertain[k])];
+      EXPECT_NEAR(variances[uncertain[k]] / expected[static_cast<Index>(k)], 1.0, 1e-4) << name;
+    }
+    if (!suspects.empty()) {
+      EXPECT_NEAR(variances.minCoeff() / kKnown, 1.0, 1e-4);
+      // The same number of configurations for whatever may have changed tells less of this joint.
+      request.suspects = std::vector<std::string>();
+      const MatrixXd other = information(plan.experiment, make_plan(request).sheet.joint_values)(uncertain, uncertain);
+      const MatrixXd of_all =
+          other + MatrixXd(Eigen::Map<const VectorXd>(prior.data(), static_cast<Index>(prior.size())).asDiagonal());
+      EXPECT_LT(std::log(of_all.determinant()), std::log(sums.determinant()));
+    }
+  }
 }
 
 TEST(Planner, TriesThePlanOnVirtualRobotsBeforeTheTracker) {
