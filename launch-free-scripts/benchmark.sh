@@ -5,8 +5,8 @@ source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 read_options "Installs what is missing, builds the benchmarks in build/release, runs them and prints a table of ratios." "$@"
 install_missing "${build_packages[@]}" "${test_packages[@]}" libbenchmark-dev libceres-dev
-(cd "$root" && cmake --preset release -D KDL_CALIBRATION_BUILD_BENCHMARKS=ON &&
-  cmake --build build/release -j "$jobs" --target kdl_calibration_benchmark)
+(cd "$root" && cmake --preset release -D KDL_CALIBRATION_BUILD_BENCHMARKS=ON -D KDL_CALIBRATION_PYTHON=ON &&
+  cmake --build build/release -j "$jobs" --target kdl_calibration_benchmark kdl_calibration_python)
 
 results=$(mktemp)
 trap 'rm -f "$results"' EXIT
@@ -17,6 +17,9 @@ measure() { "$program" --benchmark_color=false "$@" 2>/dev/null >>"$results"; }
 measure --benchmark_repetitions=5 --benchmark_filter='-memory|iteration_ceres_qr/300000'
 measure --benchmark_filter=iteration_ceres_qr/300000
 measure --benchmark_filter=memory
+python=$(sed -n 's/^_*Python3_EXECUTABLE:[A-Z]*=//p' "$root/build/release/CMakeCache.txt" | head -n 1)
+PYTHONPATH=$root/build/release/src/python "$python" "$root/tests/benchmark/prediction.py" \
+  "$root/urdf/fanuc_r2000ic_165f.urdf" >>"$results"
 
 awk '
   $3 ~ /^(ns|us|ms|s)$/ && $1 !~ /_(mean|median|stddev|cv)$/ {
@@ -75,6 +78,10 @@ awk '
     row("  one thread", "monte_carlo/1")
     row("  two threads", "monte_carlo/2")
     ratio("  two threads over one", "monte_carlo/2", "monte_carlo/1")
+    print "40,000 predictions, one thread"
+    row("  library", "prediction_library")
+    row("  Python package", "prediction_python")
+    ratio("  library over Python package", "prediction_library", "prediction_python")
     print "Compensation of a point to 1e-10, one thread, median"
     printf "%-58s %12.1f us\n", "  library", compensation["median_us"]
     printf "%-58s %12.1f us\n", "  KDL, Levenberg-Marquardt", compensation["kdl_median_us"]
