@@ -1,10 +1,13 @@
 #include "programs/controller.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include "base/json_tree.hpp"
+#include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "kdl_calibration/error_model.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "robot/fixed_frame.hpp"
 
 namespace kdl_calibration {
@@ -54,6 +57,35 @@ Controller controller_of_links(const Robot& robot) {
   const KDL::Frame same;
   return {.X_BW = to_eigen(fixed_frame(robot, robot.base, "base").value_or(same)),
           .X_FP = to_eigen(fixed_frame(robot, robot.tip, "tool0").value_or(same))};
+}
+
+std::map<int, ExternalAxis> external_axes(const std::vector<std::pair<std::string, std::string>>& named,
+                                          const Robot& robot, const std::string& where) {
+  std::map<int, ExternalAxis> axes;
+  const std::vector<std::string> joints = joint_names(robot);
+  for (const auto& [axis, joint] : named) {
+    if (axis.size() != 2 || axis.front() != 'E' || axis.back() < '1' || axis.back() > '6') {
+      throw InputError(where + ": " + shown(axis) + " is no external axis, expected E1 to E6");
+    }
+    const bool is_reversed = joint.starts_with('-');
+    const std::string name = joint.substr(is_reversed ? 1 : 0);
+    if (joint != kNotOfTheArm && std::find(joints.begin(), joints.end(), name) == joints.end()) {
+      throw InputError(where + ": " + robot.source + " has no joint " + shown(joint) + ", expected none, or one of " +
+                       comma_separated(joints));
+    }
+    axes[axis.back() - '0'] = {.joint = name, .is_reversed = is_reversed};
+  }
+  return axes;
+}
+
+std::vector<std::string> carrying_joints(const Controller& controller) {
+  std::vector<std::string> joints;
+  for (const auto& [number, axis] : controller.external_axes) {
+    if (axis.joint != kNotOfTheArm) {
+      joints.push_back(axis.joint);
+    }
+  }
+  return joints;
 }
 
 ProgramFrames read_program_frames(const std::filesystem::path& file, const ProgramLanguage& language) {

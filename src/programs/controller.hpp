@@ -6,6 +6,8 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
@@ -35,6 +37,13 @@ Controller read_controller(const std::filesystem::path& file);
 /// The frames that REP 199 and ROS-Industrial give a URDF for this purpose: link `base` is the controller's world frame
 /// and `tool0` the faceplate. Without them the robot's base and tip are.
 Controller controller_of_links(const Robot& robot);
+
+/// Joints of the robot by the number of an external axis, from pairs such as E1, rail and E2, -turntable. Throws
+/// InputError; `where` names them in messages.
+std::map<int, ExternalAxis> external_axes(const std::vector<std::pair<std::string, std::string>>& named,
+                                          const Robot& robot, const std::string& where);
+/// Joints that are external axes: a compensation holds them.
+std::vector<std::string> carrying_joints(const Controller& controller);
 
 /// User and tool frames of a file of the controller in this language, or of a file that ends in .json:
 /// {"user_frames": {"1": {"position": [...], "quaternion_wxyz": [...]}}, "tool_frames": {...}}, metres. Throws

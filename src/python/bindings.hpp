@@ -27,6 +27,7 @@ struct Found {
   std::shared_ptr<const Measurements> measurements;  ///< null if it was read from a file
   std::string text = {};                             ///< of that file
   py::dict own = {};                                 ///< its effects that are functions of the caller's own
+  std::shared_ptr<const Found> origin = {};          ///< the one that `at` was called of, else null
   mutable std::optional<CalibratedArm> made_arm = {};
 
   const CalibratedArm& arm() const {
@@ -53,6 +54,7 @@ void bind_arm(py::module_& module);
 void bind_calibration(py::module_& module);
 void bind_planning(py::module_& module);
 void bind_compensation(py::module_& module);
+void bind_programs(py::module_& module);
 void bind_validation(py::module_& module);
 
 }  // namespace kdl_calibration::python

@@ -243,16 +243,21 @@ void bind_calibration(py::module_& module) {
           "q: (N, n) or (n,) [rad or m]. Returns (N, 4, 4) or (4, 4): the flange in the base frame [m].")
       .def(
           "at",
-          [](const Found& found, double temperature, double payload) {
+          [](const FoundPointer& found, double temperature, double payload) {
             return std::make_shared<Found>(
-                Found{.calibration = found.calibration.at({.temperature = temperature, .payload = payload}),
-                      .robot = found.robot,
+                Found{.calibration = found->calibration.at({.temperature = temperature, .payload = payload}),
+                      .robot = found->robot,
                       .measurements = nullptr,
-                      .own = found.own});
+                      .own = found->own,
+                      .origin = found->origin ? found->origin : found});
           },
           "temperature"_a = Circumstances::kUnknown, "payload"_a = Circumstances::kUnknown,
           "The same arm at this temperature [degC] and payload [kg] instead of the means of the measurements, for "
           "predictions and Compensator. Raises InputError where no effect depends on them.")
+      .def_property_readonly("_origin",
+                             [](const FoundPointer& found) {
+                               return found->origin ? std::const_pointer_cast<Found>(found->origin) : found;
+                             })
       .def_readonly("own", &Found::own, "The effects that are functions of the caller's own.")
       .def("save", &save, "file"_a, "Writes the result that `kdlcal calibrate --result` writes, and `load` reads.")
       .def(

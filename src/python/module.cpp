@@ -19,5 +19,6 @@ PYBIND11_MODULE(_native, module) {  // NOLINT(readability-identifier-naming)
   bind_calibration(module);
   bind_planning(module);
   bind_compensation(module);
+  bind_programs(module);
   bind_validation(module);
 }

@@ -263,6 +263,14 @@ Members prior_members(GivenCalibrationOptions& into) {
       });
 }
 
+Members compensation_members(CompensationOptions& options) {
+  Members members;
+  members.with("most_change", options.most_change)
+      .with("position_first", options.position_first)
+      .with("held", options.held);
+  return members;
+}
+
 }  // namespace
 
 std::vector<TargetFrame> target_frames(const py::handle& given, const std::string& where) {
@@ -387,12 +395,27 @@ SimulationOptions simulation_options(const py::dict& keywords) {
 
 CompensationOptions compensation_options(const py::dict& keywords) {
   CompensationOptions options;
-  Members()
-      .with("most_change", options.most_change)
-      .with("position_first", options.position_first)
-      .with("held", options.held)
-      .read(keywords, "");
+  compensation_members(options).read(keywords, "");
   return options;
+}
+
+GivenProgram program_options(const py::dict& keywords) {
+  GivenProgram given;
+  compensation_members(given.options)
+      .with("controller", given.controller)
+      .with("joint_convention", given.joint_convention)
+      .with("frames", given.frames)
+      .by("external_axes",
+          [&](const py::handle& axes, const std::string& where) {
+            if (!py::isinstance<py::dict>(axes)) {
+              throw py::type_error(where + ": " + std::string(py::repr(axes)) + ", expected a dict of axes and joints");
+            }
+            given.external_axes = py::reinterpret_borrow<py::dict>(axes);
+          })
+      .with("near", given.near)
+      .with("line_tolerance", given.line_tolerance)
+      .read(keywords, "");
+  return given;
 }
 
 GivenValidation validation_options(const py::dict& keywords) {

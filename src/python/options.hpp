@@ -14,6 +14,7 @@
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
+#include "programs/compensated_program.hpp"
 #include "python/bindings.hpp"
 #include "python/interruptible.hpp"
 
@@ -37,6 +38,18 @@ GivenPlanOptions plan_options(const py::dict& keywords);
 
 SimulationOptions simulation_options(const py::dict& keywords);
 CompensationOptions compensation_options(const py::dict& keywords);
+
+/// What `compensate_program` takes.
+struct GivenProgram {
+  CompensationOptions options;
+  py::object controller = py::none();        ///< file
+  py::object joint_convention = py::none();  ///< JointConvention, or a file
+  py::object frames = py::none();            ///< file
+  py::dict external_axes;
+  py::object near = py::none();  ///< (n,)
+  double line_tolerance = kLineTolerance;
+};
+GivenProgram program_options(const py::dict& keywords);
 
 /// What `validate` takes: known frames and the options of the diagnosis.
 struct GivenValidation {

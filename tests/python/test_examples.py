@@ -4,7 +4,6 @@ import os
 import runpy
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from conftest import URDF_DIR
@@ -19,16 +18,14 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_compensated_points(folder):
-    names = runpy.run_path(str(EXAMPLES / "compensated_points.py"))
+def test_compensated_program(folder):
+    names = runpy.run_path(str(EXAMPLES / "compensated_program.py"))
     assert names["found"].trusted
-    assert names["before"].max() > 1e-4 and (names["compensated"].status == "exact").all()
-    commands = np.loadtxt("commands.csv", delimiter=",", skiprows=1)
-    pendant = names["pendant"]
-    np.testing.assert_allclose(
-        np.radians(commands) @ pendant.matrix.T + pendant.offset, names["compensated"].joint_values, atol=1e-7
-    )
-    assert Path("result.json").exists()
+    assert names["before"].max() > 1e-4 > 1e-5 > names["after"].max()
+    assert (names["at"]["status"] == "exact").all() and len(names["at"]) == 6
+    written = Path("SEAM_C.LS").read_text()
+    assert written != Path("seam.ls").read_text()
+    assert written.count("CONFIG") == 6 and Path("result.json").exists()
 
 
 def test_coverage(folder):

@@ -36,9 +36,10 @@ def test_members_and_their_documentation():
             assert own.__doc__ and own.__module__ == "kdl_calibration", node.name
 
 
-def test_options_are_those_that_are_known(robot, measurements):
+def test_options_are_those_that_are_known(robot, measurements, found):
     """The TypeError of an unknown keyword lists the known ones, which are the stub's."""
-    calls = {"calibrate": (robot, measurements), "plan": (robot,), "simulate": (robot,), "validate": (robot, measurements)}
+    calls = {"calibrate": (robot, measurements), "plan": (robot,), "simulate": (robot,), "validate": (robot, measurements),
+             "compensate_program": (found, "none.ls")}
     for node in STUB.body:
         if isinstance(node, ast.FunctionDef) and node.name in calls:
             try:

@@ -16,6 +16,7 @@ from ._native import (
     Calibration,
     Comparison,
     Compensated,
+    CompensatedProgram,
     Compensator,
     Doubt,
     ErrorStatistics,
@@ -30,6 +31,7 @@ from ._native import (
     __version__,
     calibrate,
     compare,
+    compensate_program,
     load,
     load_dh_robot,
     load_robot,
@@ -40,7 +42,7 @@ from ._native import (
     simulate,
     validate,
 )
-from . import _display, _measurements, _pickling, plots
+from . import _display, _measurements, _pickling, _programs, plots
 
 
 def report(found, file):
@@ -52,6 +54,7 @@ Measurements.from_arrays = staticmethod(_measurements.from_arrays)
 Measurements.from_pandas = staticmethod(_measurements.from_pandas)
 from_arrays = _measurements.from_arrays
 from_pandas = _measurements.from_pandas
+CompensatedProgram.save = _programs.save
 Calibration.__reduce__ = _pickling.reduce
 Calibration.result = property(_pickling.result)
 Calibration._repr_html_ = _display.calibration_html

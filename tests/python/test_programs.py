@@ -1,0 +1,195 @@
+"""Programs of controllers: what kdlcal writes, to the last byte."""
+
+import json
+import subprocess
+from hashlib import sha256
+
+import numpy as np
+import pytest
+
+import kdl_calibration as kc
+from conftest import KDLCAL, URDF_DIR
+
+CONTROLLER = URDF_DIR / "fanuc_r2000ic_165f_controller.json"
+FRAMES = {"user_frames": {"2": {"position": [0.1, 0.0, 0.0], "quaternion_wxyz": [1, 0, 0, 0]}}}
+
+
+def fanuc(frame=0, joints=(0.0, -10.0, -20.0, 5.0, -60.0, 7.0)):
+    """A pose, joint values and a pose that no arm reaches."""
+    values = ",".join(f"\tJ{i + 1}= {value:9.3f} deg" for i, value in enumerate(joints))
+    pose = (
+        "P[{0}]{{\n   GP1:\n\tUF : {1}, UT : 0,\t\tCONFIG : 'N U T, 0, 0, 0',\n\tX = {2:9.3f}  mm,\tY =   200.000  mm,"
+        "\tZ =   900.000  mm,\n\tW =   180.000 deg,\tP =   -60.000 deg,\tR =    10.000 deg\n}};\n"
+    )
+    return (
+        "/PROG  T\n/MN\n   1:J P[1] 50% FINE ;\n   2:L P[2] 9mm/sec FINE ;\n   3:J P[3] 50% FINE ;\n/POS\n"
+        + pose.format(1, frame, 1850.0)
+        + pose.format(2, frame, 1700.0)
+        + f"P[3]{{\n   GP1:\n\tUF : 0, UT : 0,\n{values}\n}};\n/END\n"
+    )
+
+
+KRL = {
+    "k.src": "DEF k()\nBAS(#INITMOV,0)\nPTP XP1\nEND\n",
+    "k.dat": "DEFDAT k\nDECL E6AXIS XP1={A1 10.0,A2 -10.0,A3 15.0,A4 5.0,A5 30.0,A6 2.0}\nENDDAT\n",
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in.ls").write_text(fanuc())
+    (tmp_path / "framed.ls").write_text(fanuc(frame=2))
+    (tmp_path / "frames.json").write_text(json.dumps(FRAMES))
+    for name, text in KRL.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "kuka.json").write_text((URDF_DIR / "kuka.json").read_text().replace("joint_a", "joint_"))
+    return tmp_path
+
+
+def by_program(*arguments):
+    done = subprocess.run([KDLCAL, "compensate", "--result", "r.json", *arguments], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.mark.parametrize(
+    "name, options, arguments",
+    [
+        ("in.ls", {"controller": CONTROLLER}, []),
+        ("in.ls", {"controller": str(CONTROLLER), "most_change": 0.2, "line_tolerance": 1e-6}, ["--linear", "0.001"]),
+        ("framed.ls", {"controller": CONTROLLER, "frames": "frames.json"}, ["--frames", "frames.json"]),
+        ("k.src", {}, []),
+        ("k.src", {"joint_convention": "kuka.json"}, ["--joint-convention", "kuka.json"]),
+    ],
+)
+def test_files_are_those_of_kdlcal(found, folder, name, options, arguments):
+    found.save("r.json")
+    program = kc.compensate_program(found, folder / name, **options)
+    stem, extension = name.split(".")
+    (folder / "own").mkdir()
+    program.save(f"own/{stem}_c.{extension}")
+    (folder / "other").mkdir()
+    if "controller" in options:
+        arguments = [*arguments, "--controller", str(CONTROLLER)]
+    by_program("--program", name, "--output", f"other/{stem}_c.{extension}", *arguments)
+    files = sorted(file.name for file in (folder / "other").iterdir())
+    assert len(files) == (3 if extension == "src" else 2)
+    assert files == sorted(file.name for file in (folder / "own").iterdir())
+    for file in files:
+        assert (folder / "own" / file).read_bytes() == (folder / "other" / file).read_bytes(), file
+    for file, text in program.texts.items():
+        suffix = file.rsplit(".", 1)[1]
+        assert (folder / "own" / f"{stem}_c.{suffix}").read_bytes() == text
+
+
+def test_positions(found, folder):
+    program = kc.compensate_program(found, "in.ls", controller=CONTROLLER)
+    assert program.language == "FANUC LS" and program.calibration is found
+    at = program.positions
+    assert list(at["name"]) == ["P[1]", "P[2]", "P[3]"] and (at["status"] == "exact").all() and at["written"].all()
+    lines = fanuc().splitlines()
+    assert [lines[line - 1].split("[")[0] for line in at["line"]] == ["P"] * 3
+    nominal = kc.Compensator(found).nominal_poses(at["asked"])
+    np.testing.assert_allclose(found.flange_poses(at["joint_values"]), nominal, atol=1e-8)
+    moved = kc.Compensator(found).nominal_poses(at["joint_values"])[:, :3, 3] - nominal[:, :3, 3]
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), at["displacement"], atol=1e-9)
+    assert at["displacement"].min() > 1e-5 and at["position_error"].max() < 1e-9
+    assert 0.0 < program.rounding < 3e-5
+    assert program.straight_lines == 1
+    # The pose of the first point, as the controller counts: its world is level with axis 2.
+    convention = kc.read_joint_convention(URDF_DIR / "fanuc_r2000ic_165f_pendant.json")
+    third = np.linalg.solve(convention.matrix, at["asked"][2] - convention.offset)
+    np.testing.assert_allclose(np.degrees(third), [0.0, -10.0, -20.0, 5.0, -60.0, 7.0], atol=1e-9)
+
+
+def test_the_way_next_to_given_joint_values(found, folder):
+    """A URScript pose has several; no frame of the URDF moves its base or flange."""
+    q = np.array([0.2, -0.1, -0.3, 0.4, 0.9, -0.5])
+    pose = kc.Compensator(found).nominal_poses(q)
+    axis = np.array([pose[2, 1] - pose[1, 2], pose[0, 2] - pose[2, 0], pose[1, 0] - pose[0, 1]])
+    angle = np.arctan2(np.linalg.norm(axis), np.trace(pose[:3, :3]) - 1.0)
+    numbers = ",".join(f"{x:.9f}" for x in [*pose[:3, 3], *(axis * angle / np.linalg.norm(axis))])
+    (folder / "u.script").write_text(f"def t():\n  set_tcp(p[0,0,0,0,0,0])\n  movej(p[{numbers}])\nend\n")
+    found.save("r.json")
+    flipped = q + [0.0, 0.0, 0.0, -np.pi, -2.0 * q[4], np.pi]
+    for near in (q + 0.02, flipped - 0.02):
+        program = kc.compensate_program(found, "u.script", near=near)
+        np.testing.assert_allclose(program.positions["asked"][0], near, atol=0.021)
+        by_program("--program", "u.script", "--output", "c.script", "--force", "--near",
+                   ",".join(repr(float(x)) for x in np.degrees(near)))  # fmt: skip
+        assert (folder / "c.script").read_bytes() == program.texts["u.script"]
+
+
+def test_lines_that_the_tool_leaves(found, folder):
+    assert kc.compensate_program(found, "in.ls", controller=CONTROLLER, line_tolerance=1.0).paths == []
+    (path,) = kc.compensate_program(found, "in.ls", controller=CONTROLLER, line_tolerance=1e-9).paths
+    assert (path["line"], path["from"], path["to"]) == (4, "P[1]", "P[2]")
+    assert 1e-9 < path["deviation"] < 1e-3 and 0.0 <= path["orientation_deviation"] < 1e-3
+
+
+def test_points_that_cannot_be_reached_stay(found, folder):
+    (folder / "far.ls").write_text(fanuc().replace("1850.000", "3850.000"))
+    with pytest.raises(kc.InputError, match=r"P\[1\]"):
+        kc.compensate_program(found, "far.ls", controller=CONTROLLER)
+    limited = kc.compensate_program(found, "in.ls", controller=CONTROLLER, most_change=1e-9)
+    assert not limited.positions["written"].any() and (limited.positions["status"] != "exact").all()
+    assert limited.texts["in.ls"] == fanuc().encode()
+    assert "3 of them left" in repr(limited)
+
+
+def test_at_a_temperature_the_record_names_the_calibration(robot, folder):
+    measured, arm = kc.simulate(robot, configurations=60, noise=3e-5, length_error=1e-3, angle_error=1e-3, seed=2)
+    joints = measured.joint_values
+    temperature = np.linspace(20.0, 35.0, len(joints))
+    points = arm.predict(joints + 1e-5 * np.outer(temperature, [0, 1, 0, 0, 0, 0]), "A").position
+    m = kc.Measurements.from_arrays(joints, points, temperature=temperature, sigma=3e-5)
+    found = kc.calibrate(robot, m, effects={"groups": ["drift"]}, diagnosis={"try_readings": False})
+    warm = found.at(temperature=34.0)
+    assert warm._origin is found and found._origin is found
+    kc.compensate_program(warm, "in.ls", controller=CONTROLLER).save("out.ls")
+    found.save("r.json")
+    assert json.loads((folder / "out.ls.kdlcal.json").read_text())["result_sha256"] == sha256(
+        (folder / "r.json").read_bytes()
+    ).hexdigest()
+
+
+def test_nothing_is_lost(found, folder):
+    program = kc.compensate_program(found, "k.src", joint_convention=kc.read_joint_convention("kuka.json"))
+    for output in ("k.src", "./k.src"):
+        with pytest.raises(kc.InputError, match="k.src"):
+            program.save(output, overwrite=True)
+    program.save("c.src")
+    with pytest.raises(kc.InputError, match="c.src"):
+        program.save("c.src")
+    program.save("c.src", overwrite=True)
+    with pytest.raises(kc.InputError, match="no_such_folder"):
+        program.save("no_such_folder/c.src")
+    for again in ("c.src", "c.dat"):
+        with pytest.raises(kc.InputError, match="compensated already"):
+            kc.compensate_program(found, again)
+    assert {name: (folder / name).read_text() for name in KRL} == KRL
+
+
+def test_wrong_arguments(found, folder):
+    for options, error, message in [
+        ({}, kc.InputError, "in.ls: controllers of FANUC LS count joints in another way.*expected controller"),
+        ({"controller": "none.json"}, kc.InputError, "none.json"),
+        ({"controller": 5}, TypeError, "PathLike"),
+        ({"controller": CONTROLLER, "frames": "in.ls.json"}, kc.InputError, "in.ls.json"),
+        ({"controller": CONTROLLER, "external_axes": {"E7": "joint_1"}}, kc.InputError, "external_axes: 'E7'"),
+        ({"controller": CONTROLLER, "external_axes": {"E1": "rail"}}, kc.InputError, "external_axes: .* no joint 'rail'"),
+        ({"controller": CONTROLLER, "external_axes": ["E1"]}, TypeError, "external_axes"),
+        ({"controller": CONTROLLER, "near": [0.0] * 5}, kc.InputError, "near"),
+        ({"controller": CONTROLLER, "near": [[0.0] * 6]}, kc.InputError, r"near: an array of 1 rows, expected \(6,\)"),
+        ({"controller": CONTROLLER, "line_tolerance": "x"}, TypeError, "line_tolerance"),
+        ({"controller": CONTROLLER, "line_tolerance": 0.0}, kc.InputError, "line_tolerance: 0, expected"),
+        ({"controller": CONTROLLER, "nothing": 0}, TypeError, "unknown option nothing"),
+    ]:
+        with pytest.raises(error, match=message):
+            kc.compensate_program(found, "in.ls", **options)
+    with pytest.raises(kc.InputError, match="framed.ls:.*2.*expected it in frames"):
+        kc.compensate_program(found, "framed.ls", controller=CONTROLLER)
+    (folder / "text.ls").write_text("no program")
+    with pytest.raises(kc.InputError, match="text.ls"):
+        kc.compensate_program(found, "text.ls")
