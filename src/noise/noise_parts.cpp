@@ -189,9 +189,9 @@ MatrixXd side_by_side(const MatrixXd& left, const MatrixXd& right) {
 
 std::vector<NoiseFactors> noise_by_station(const FitProblem& fit, const NoiseModel& stated) {
   constexpr double kPValueOfStations = 1e-3;
-  constexpr std::size_t kMostStations = 10;  // with more, each has few rows, and strata take much memory
+  constexpr std::size_t kMostOfOwnNoise = 10;  // with more, each has few rows, and strata take much memory
   const std::size_t stations = fit.measurements.stations.size();
-  if (stations < 2 || stations > kMostStations) {
+  if (stations < 2 || stations > kMostOfOwnNoise) {
     return {};
   }
   Measurements alike = fit.measurements;
