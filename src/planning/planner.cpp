@@ -231,7 +231,7 @@ Plan make_plan(const PlanRequest& request) {
     throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
   }
   if (request.calibrated && request.calibrated->model.has_undetermined_bases) {
-    throw OptionError("result",
+    throw OptionError(request.suspects ? "after" : "result",
                       "has bases of stations, which a plan does not know; expected a calibration by whole points "
                       "that are not all on one line, without a column station");
   }
