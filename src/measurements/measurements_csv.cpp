@@ -8,6 +8,7 @@
 
 #include "base/csv.hpp"
 #include "base/decompositions.hpp"
+#include "base/preconditions.hpp"
 #include "base/text.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -174,6 +175,7 @@ void add_reading(const Measurements& measurements, std::size_t row, const UsedCo
 
 std::string measurements_csv(const Measurements& measurements) {
   check(measurements);
+  require_count("names of joints", measurements.joints.size(), measurements.joint_values.rows());
   const UsedColumns used = used_columns(measurements);
   std::string text = csv_header(measurements, used);
   const auto configurations = csv_labels(measurements.configurations, "configuration", measurements.source);
