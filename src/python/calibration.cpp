@@ -8,6 +8,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "base/whole_files.hpp"
 #include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/kinematic_export.hpp"
@@ -26,7 +27,9 @@ using namespace pybind11::literals;
 
 const Measurements& Found::fitted() const {
   if (!measurements) {
-    throw InputError("the calibration was read from a file, expected one that calibrate has just made");
+    throw InputError(origin ? "a calibration at a stated temperature or payload has no measurements, expected the one "
+                              "that it was made from"
+                            : "the calibration was read from a file, expected one that calibrate has just made");
   }
   return *measurements;
 }
@@ -60,7 +63,7 @@ FoundPointer loaded(const std::filesystem::path& file, const std::shared_ptr<Rob
                                        .robot = robot,
                                        .measurements = nullptr,
                                        .text = file_text(file),
-                                       .own = own});
+                                       .own = own.attr("copy")()});
 }
 
 void save(const Found& found, const std::filesystem::path& file) {
@@ -71,11 +74,8 @@ void save(const Found& found, const std::filesystem::path& file) {
   if (found.text.empty()) {
     throw InputError("a calibration at a stated temperature or payload has no file, expected the one it was made from");
   }
-  std::ofstream stream(file, std::ios::binary);
-  stream << found.text << std::flush;
-  if (!stream) {
-    throw InputError(file.string() + ": cannot be written, expected a path to a new file");
-  }
+  write_whole({{.option = {}, .path = file.string(), .text = found.text}},
+              {{.option = "this calibration", .path = found.robot->source}}, true);
 }
 
 const char* word_of(Verdict verdict) {
@@ -279,13 +279,13 @@ void bind_calibration(py::module_& module) {
           },
           "format"_a, "The calibrated geometry as text: urdf, dh, mdh, opw, ur_yaml, xacro_yaml or parameters_csv.")
       .def("__repr__", &calibration_text);
-  module.def("calibrate", &calibrated, "robot"_a, "measurements"_a,
+  module.def("calibrate", &calibrated, "robot"_a.none(false), "measurements"_a.none(false),
              "Registration, choice of parameters, priors and effects, fit, uncertainty, validation and diagnosis.\n\n"
              "Keywords are the members of the C++ CalibrationOptions, structures as dicts:\n"
              "    calibrate(robot, m, parameters={'fix': ['Tx*']}, noise={'stated': {'independent': 3e-5}})\n"
              "progress: called with a stage, how many of its fits are done, and their number.\n\n"
              "Raises InputError for bad input, TypeError for an unknown keyword. Ctrl-C stops it.");
-  module.def("load", &loaded, "file"_a, "robot"_a, "own"_a = py::dict(),
+  module.def("load", &loaded, "file"_a, "robot"_a.none(false), "own"_a = py::dict(),
              "Reads a result. robot: the one that was calibrated. own: its effects that are functions of your own, as "
              "in the keyword effects of calibrate.\n\n"
              "Raises InputError for another robot, a bad file and an effect of your own that is not given.");

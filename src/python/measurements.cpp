@@ -56,6 +56,14 @@ Observation observation_at(const GivenRows& rows, py::ssize_t i) {
 
 Integers integers(const py::dict& given, const char* name) { return given[name].cast<Integers>(); }
 
+std::vector<std::string> numbered_joints(Eigen::Index count) {
+  std::vector<std::string> names;
+  for (Eigen::Index joint = 0; joint < count; ++joint) {
+    names.push_back("joint " + std::to_string(joint + 1));
+  }
+  return names;
+}
+
 /// The package checks the arrays, see measurements.py.
 std::shared_ptr<Measurements> from_rows(const Rows& joint_values, const py::dict& given, const py::dict& names) {
   const GivenRows rows{.points = doubles(given["points"], "points"),
@@ -83,10 +91,7 @@ std::shared_ptr<Measurements> from_rows(const Rows& joint_values, const py::dict
   for (py::ssize_t i = 0; i < count; ++i) {
     result->observations.push_back(observation_at(rows, i));
   }
-  Names stated = std::exchange(result->joints, Names());
-  for (Eigen::Index joint = 0; joint < result->joint_values.rows(); ++joint) {  // whatever their names are
-    result->joints.push_back("joint " + std::to_string(joint + 1));
-  }
+  Names stated = std::exchange(result->joints, numbered_joints(result->joint_values.rows()));  // for any names
   result->signals.approach = approach_directions(*result);
   result->joints = std::move(stated);
   return result;
@@ -196,12 +201,23 @@ void bind_measurements(py::module_& module) {
           "csv", [](const Measurements& m) { return measurements_csv(m); }, "The text of a measurements file.")
       .def("__len__", [](const Measurements& m) { return m.observations.size(); })
       .def("__repr__", &measurements_text)
-      .def(py::pickle([](const Measurements& m) { return py::make_tuple(measurements_csv(m), m.joints, m.source); },
-                      [](const py::tuple& state) {
-                        return std::make_shared<Measurements>(
-                            parse_measurements(state[0].cast<std::string>(), state[1].cast<std::vector<std::string>>(),
-                                               nullptr, state[2].cast<std::string>()));
-                      }));
+      .def(py::pickle(
+          [](const Measurements& m) {
+            Measurements written = m;
+            if (m.joints.empty()) {
+              written.joints = numbered_joints(m.joint_values.rows());
+            }
+            return py::make_tuple(measurements_csv(written), written.joints, m.source, m.joints.empty());
+          },
+          [](const py::tuple& state) {
+            auto m = std::make_shared<Measurements>(parse_measurements(state[0].cast<std::string>(),
+                                                                       state[1].cast<std::vector<std::string>>(),
+                                                                       nullptr, state[2].cast<std::string>()));
+            if (state[3].cast<bool>()) {
+              m->joints.clear();
+            }
+            return m;
+          }));
   module.def(
       "_from_rows",
       [](const py::object& joint_values, std::size_t joints, const py::dict& rows, const py::dict& names) {

@@ -129,7 +129,11 @@ Members::Reader frames_into(KnownFrames& into) {
     Members()
         .by("bases",
             [&](const py::handle& bases, const std::string& place) {
-              for (const auto& [name, X_WB] : bases.cast<py::dict>()) {
+              if (!py::isinstance<py::dict>(bases)) {
+                throw py::type_error(place + ": " + std::string(py::repr(bases)) +
+                                     ", expected a dict of stations and poses (4, 4)");
+              }
+              for (const auto& [name, X_WB] : py::reinterpret_borrow<py::dict>(bases)) {
                 const std::string station = py::str(name);
                 into.bases.push_back({.station = station, .X_WB = pose(X_WB, place + "." + station)});
               }
@@ -219,7 +223,7 @@ OwnColumns columns_by(const py::handle& given, const std::string& where) {
 Members::Reader own_into(GivenCalibrationOptions& into) {
   return [&into](const py::handle& given, const std::string& where) {
     into.options.effects.own = own_effects(given, where);
-    into.own = py::reinterpret_borrow<py::dict>(given);
+    into.own = given.attr("copy")();
   };
 }
 
@@ -308,6 +312,9 @@ std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& w
         .by("function",
             [&](const py::handle& function, const std::string& place) { effect.columns = columns_by(function, place); })
         .read(value, where + "." + effect.name);
+    if (effect.joint.empty()) {
+      throw py::type_error(where + "." + effect.name + ": no joint, expected the name of the one that it moves");
+    }
     effects.push_back(std::move(effect));
   }
   return effects;

@@ -56,7 +56,7 @@ void bind_planning(py::module_& module) {
             return plan_csv(p.plan, p.robot->joints, convention);
           },
           "convention"_a = nullptr, "A measurements file with empty coordinates to fill in.");
-  module.def("plan", &planned, "robot"_a,
+  module.def("plan", &planned, "robot"_a.none(false),
              "The D-optimal choice of configurations. Keywords are the members of the C++ PlanOptions: count, targets\n"
              "(a dict of names and positions (3,) on the flange [m]), ranges (n, 2), noise [m], least_height [m],\n"
              "least_radius [m], seed; progress: called with the completed share.\n\n"

@@ -29,6 +29,7 @@ struct CompensatedFiles {
   ProgramFiles given;
   CompensatedProgram program;
   std::shared_ptr<Found> calibration;
+  std::vector<NamedFile> inputs;  ///< that were read
   double line_tolerance = 0.0;
 };
 
@@ -65,7 +66,7 @@ Controller controller_of(const GivenProgram& given, const Robot& robot, const Pr
 // A message of the library with our keywords in place of kdlcal's options.
 std::string in_keywords(std::string message) {
   constexpr std::pair<std::string_view, std::string_view> kKeywords[] = {
-      {"--external-axis", "external_axes"}, {"--frames", "frames"}, {"--near", "near"}};
+      {"--external-axis", "external_axes"}, {"--frames", "frames"}, {"--near", "near"}, {"--force", "overwrite=True"}};
   for (const auto& [option, keyword] : kKeywords) {
     for (std::size_t at = message.find(option); at != std::string::npos; at = message.find(option, at)) {
       message.replace(at, option.size(), keyword);
@@ -97,6 +98,16 @@ std::shared_ptr<CompensatedFiles> compensated_files(const std::shared_ptr<Found>
                                                                     .calibration = found,
                                                                     .line_tolerance = stated.line_tolerance});
   require_original(result->given);
+  for (const ProgramText& text : result->given.texts) {
+    result->inputs.push_back({.option = "program", .path = text.source});
+  }
+  for (const auto& [keyword, input] : {std::pair{"controller", &stated.controller},
+                                       {"joint_convention", &stated.joint_convention},
+                                       {"frames", &stated.frames}}) {
+    if (!input->is_none() && !py::isinstance<JointConvention>(*input)) {
+      result->inputs.push_back({.option = keyword, .path = path_of(*input).string()});
+    }
+  }
   const Controller controller = controller_of(stated, robot, result->given);
   for (std::string& joint : carrying_joints(controller)) {
     stated.options.held.push_back(std::move(joint));
@@ -188,16 +199,19 @@ py::dict texts_of(const CompensatedFiles& files) {
 
 void save(const CompensatedFiles& files, const py::object& output, bool overwrite, const std::string& result_sha256) {
   std::vector<OutputFile> outputs = program_outputs(files.given, path_of(output).string());
+  for (OutputFile& each : outputs) {
+    each.option = "output";
+  }
   for (std::size_t i = 0; i < files.program.texts.size(); ++i) {
     outputs[i].text = files.program.texts[i];
   }
   const std::string head = record_head(files.program, result_sha256, files.line_tolerance);
   outputs.back().pieces = [&](const TextSink& sink) { write_record(head, files.program, sink); };
-  std::vector<NamedFile> inputs;
-  for (const ProgramText& text : files.given.texts) {
-    inputs.push_back({.option = "program", .path = text.source, .reason = "the program itself"});
+  try {
+    write_whole(outputs, files.inputs, overwrite);
+  } catch (const InputError& error) {
+    throw InputError(in_keywords(error.what()));
   }
-  write_whole(outputs, inputs, overwrite);
 }
 
 }  // namespace
@@ -243,7 +257,7 @@ void bind_programs(py::module_& module) {
                            f.given.language->name, f.program.positions.size(), left);
       });
   module.def(
-      "compensate_program", &compensated_files, "calibration"_a, "program"_a,
+      "compensate_program", &compensated_files, "calibration"_a.none(false), "program"_a,
       "A program of a controller (FANUC LS, ABB RAPID, KUKA KRL, URScript) with other numbers, as `kdlcal compensate\n"
       "--program` writes it. program: its file. Keywords: those of Compensator; controller (a file that describes "
       "it),\n"

@@ -98,7 +98,7 @@ void bind_validation(py::module_& module) {
       [](const Robot& robot, const std::shared_ptr<Measurements>& measurements, const py::kwargs& keywords) {
         return validated(robot, *named(measurements, robot), keywords);
       },
-      "robot"_a, "measurements"_a,
+      "robot"_a, "measurements"_a.none(false),
       "Position errors of a robot, or of a calibration, at measurements. Only base and targets are fitted.\n\n"
       "Keywords: known = {'bases': {'W': (4, 4)}, 'targets': {'A': (3,)}}, diagnosis = {'try_readings': False}.");
   module.def(
@@ -106,7 +106,7 @@ void bind_validation(py::module_& module) {
       [](const Found& found, const std::shared_ptr<Measurements>& measurements, const py::kwargs& keywords) {
         return validated(found.calibration, *named(measurements, *found.robot), keywords);
       },
-      "calibration"_a, "measurements"_a);
+      "calibration"_a, "measurements"_a.none(false));
 
   py::class_<Comparison>(module, "Comparison", "The difference of two calibrations of one robot.")
       .def_readonly("chi_square", &Comparison::chi_square)

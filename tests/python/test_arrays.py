@@ -1,5 +1,9 @@
 """Arrays in: shapes, types, layouts; what is refused."""
 
+import pickle
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -206,3 +210,86 @@ def test_order_gives_the_directions_of_approach(robot):
         found = kc.calibrate(robot, kc.from_arrays(commanded[of_row], rows["position"], order=order, **stated), **effects)
         names = [term["name"] for term in found.result["effects"]["terms"]]
         assert ("backlash.2.approach" in names) == (order is not None)
+
+
+def test_half_a_point_is_refused():
+    points = np.ones((4, 2, 3))
+    points[2, 1] = np.nan
+    points[1, 1, 2] = np.nan
+    with pytest.raises(kc.InputError, match=r"points.*nan"):
+        kc.from_arrays(np.arange(8.0).reshape(4, 2), points)
+
+
+def test_keywords_before_usual_columns():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"q": [0.0, 1.0], "x": 0.0, "y": 0.0, "z": 1.0, "target": ["A", "B"], "mark": ["C", "D"],
+                              "sigma": 1e-5, "w": 2e-5})  # fmt: skip
+    m = kc.from_pandas(frame, ["q"], targets="mark", sigma="w", configurations=["k", "l"])
+    assert m.targets == ["C", "D"] and (m.observations["sigma"] == 2e-5).all() and m.configurations == ["k", "l"]
+
+
+def test_one_row_of_many_keeps_its_shape(found, measurements):
+    q = measurements.joint_values[4:5]
+    for one, single in zip(found.predict(q, "A"), found.predict(q[0], "A")):
+        assert one.shape == (1, *single.shape)
+        np.testing.assert_array_equal(one[0], single)
+    assert found.flange_poses(q).shape == (1, 4, 4) and kc.Compensator(found).solve(q).status.shape == (1,)
+
+
+@pytest.mark.parametrize("call", ["calibrate(robot, None)", "calibrate(None, m)", "validate(robot, None)",
+                                  "validate(None, m)", "plan(None)", "load('r.json', None)",
+                                  "compensate_program(None, 'k.src')"])
+def test_none_is_refused(robot, call):
+    """In a process of its own, as it may end it."""
+    code = (f"import kdl_calibration as kc\nrobot = kc.load_robot({robot.source!r})\nm = kc.from_arrays([[0.0] * 6], [[0.0] * 3])\n"
+            f"try:\n    kc.{call}\nexcept TypeError:\n    print('refused')\n")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "refused\n", done
+
+
+def test_measurements_without_names_are_copied(robot, measurements):
+    m = kc.from_arrays(**rows_of(measurements))
+    copy = pickle.loads(pickle.dumps(m))
+    assert copy.joints == []
+    np.testing.assert_array_equal(copy.joint_values, m.joint_values)
+    for field in m.observations.dtype.names:
+        np.testing.assert_array_equal(copy.observations[field], m.observations[field])
+
+
+def test_a_file_needs_the_names_of_joints(measurements):
+    with pytest.raises(kc.InputError, match="0 names of joints, expected 6"):
+        kc.from_arrays(**rows_of(measurements)).csv()
+
+
+def test_places_are_those_of_the_given_arrays():
+    points = np.ones((4, 2, 3))
+    points[0, 1] = np.nan
+    points[2, 1, 2] = np.inf
+    with pytest.raises(kc.InputError, match=r"points\[2\]\[1\]\[2\]: inf"):
+        kc.from_arrays(np.arange(8.0).reshape(4, 2), points)
+    joints = np.arange(8.0).reshape(4, 2)
+    joints[2, 0] = np.inf
+    with pytest.raises(kc.InputError, match=r"joints\[2\]\[0\]: inf"):
+        kc.from_arrays(joints, np.ones((4, 2, 3)))
+    sigma = np.ones((4, 2))
+    sigma[3, 1] = np.inf
+    with pytest.raises(kc.InputError, match=r"sigma\[3\]\[1\]: inf"):
+        kc.from_arrays(np.arange(8.0).reshape(4, 2), np.ones((4, 2, 3)), sigma=sigma)
+
+
+def test_no_orientations_in_a_frame():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"q": [0.0, 1.0], "x": 0.0, "y": 0.0, "z": 1.0})
+    assert len(kc.from_pandas(frame, ["q"], orientations=None)) == 2
+
+
+def test_a_label_that_is_missing():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"q": [0.0, 1.0], "x": 0.0, "y": 0.0, "z": 1.0, "target": ["A", None]})
+    with pytest.raises(kc.InputError, match=r"targets\[1\]: None, expected a label"):
+        kc.from_pandas(frame, ["q"])
+
+
+def test_a_repeat_is_given_once():
+    with pytest.raises(kc.InputError, match=r"repeats\[2\]: 1, as in row 0 of this configuration and target"):
+        kc.from_arrays(np.zeros((3, 2)), np.ones((3, 3)), repeats=[1, 2, 1])

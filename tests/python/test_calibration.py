@@ -236,3 +236,69 @@ def test_plots(found):
     np.testing.assert_allclose(places[:, 1], found.flange_poses(found.measurements.joint_values)[:, 2, 3])
     history = found.plot_convergence().lines[0].get_ydata()
     assert len(history) == len(found.result["history"]) and history[-1] < history[0]
+
+
+def test_predictions_for_each_station(robot):
+    """The second station sees the same points moved by `shift`."""
+    m, _ = kc.simulate(robot, configurations=40, noise=1e-5, seed=3)
+    shift = np.array([0.5, -2.0, 0.3])
+    rows, place = m.observations, {name: i for i, name in enumerate(m.configurations)}
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    second = of_row % 2 == 1
+    found = kc.calibrate(
+        robot,
+        kc.from_arrays(m.joint_values[of_row], rows["position"] + second[:, None] * shift, targets=rows["target"],
+                       stations=np.where(second, "far", "near")),
+        effects={"automatic": False}, priors={"automatic": False}, diagnosis={"try_readings": False},
+    )  # fmt: skip
+    q = m.joint_values[:5]
+    for arm in (found, found.arm):
+        near, far = (arm.predict(q, "A", frame="measuring", station=name).position for name in ("near", "far"))
+        np.testing.assert_allclose(far - near, np.tile(shift, (5, 1)), atol=1e-4)
+
+
+def test_tracker_noise(robot, measurements):
+    tracker = {"range": 1e-5, "range_per_metre": 2e-6, "transverse": 3e-5, "transverse_per_metre": 4e-6}
+    found = kc.calibrate(robot, measurements, effects={"automatic": False}, noise={"stated": {"tracker": tracker}}, priors={"automatic": False})
+    assert found.result["noise"]["tracker"] == list(tracker.values())
+
+
+def test_simulated_targets_with_orientation(robot):
+    pose = np.eye(4)
+    pose[:3, 3] = 0.1, 0.0, 0.2
+    for place, kind in ((pose, "pose"), (pose[:3, 3], "point")):
+        m, _ = kc.simulate(robot, configurations=12, targets={"P": place})
+        assert (m.observations["kind"] == kind).all()
+
+
+def test_parameters_are_those_of_the_result(found):
+    shown = {p["name"]: p for p in found.result["parameters"]}
+    for row in found.parameters:
+        if row["name"] in shown:
+            number = shown[row["name"]]["degrees_of_freedom"]
+            assert row["degrees_of_freedom"] == (np.inf if number is None else number)
+            for key in ("joint", "kind", "axis", "nominal", "value", "identifiable", "gauge"):
+                if key in shown[row["name"]]:
+                    assert row[key] == (shown[row["name"]][key] or type(row[key])()), key
+
+
+def test_loaded_results_share_nothing(robot, found, tmp_path):
+    found.save(tmp_path / "r.json")
+    kc.load(tmp_path / "r.json", robot).own["other"] = {}
+    assert kc.load(tmp_path / "r.json", robot).own == {}
+
+
+def test_a_loaded_result_does_not_replace_its_robot(robot, measurements, tmp_path):
+    (tmp_path / "my.urdf").write_text(robot.urdf)
+    mine = kc.load_robot(tmp_path / "my.urdf")
+    found = kc.calibrate(mine, measurements)
+    found.save(tmp_path / "r.json")
+    for each in (found, kc.load(tmp_path / "r.json", mine)):
+        with pytest.raises(kc.InputError, match="my.urdf"):
+            each.save(tmp_path / "my.urdf")
+        assert (tmp_path / "my.urdf").read_text() == robot.urdf
+
+
+def test_known_of_another_type(robot, measurements):
+    with pytest.raises(TypeError, match="known.bases"):
+        kc.validate(robot, measurements, known={"bases": [np.eye(4)]})

@@ -93,3 +93,20 @@ def test_temperatures_are_those_of_all_configurations_or_none(robot, warm):
     ):
         with pytest.raises(kc.InputError, match="no temperature, expected the column"):
             use()
+
+
+def test_at_of_at(robot, warm):
+    found = kc.calibrate(robot, measured(warm, temperature=warm[3]), effects={"groups": ["drift"]}, diagnosis={"try_readings": False})
+    assert found.at(temperature=30.0).at(temperature=34.0)._origin is found
+
+
+def test_mean_of_the_known(robot):
+    m = kc.from_arrays(np.full((3, 6), 0.1), np.arange(9.0).reshape(3, 3), targets=["A", "B", "C"],
+                       temperature=[20.0, np.nan, 21.0], joint_names=robot.joints)  # fmt: skip
+    assert m.csv().splitlines()[1].endswith(",20.5")
+
+
+def test_why_there_are_no_residuals_at_a_temperature(robot, warm):
+    found = kc.calibrate(robot, measured(warm, temperature=warm[3]), effects={"groups": ["drift"]}, diagnosis={"try_readings": False})
+    with pytest.raises(kc.InputError, match="at a stated temperature or payload has no measurements"):
+        found.at(temperature=30.0).residuals

@@ -93,6 +93,49 @@ def test_what_a_function_does_wrong_is_told(robot, yielding):
             kc.calibrate(robot, yielding, **with_own(wave=function))
     with pytest.raises(TypeError, match="unknown option effects.own.wave.axes"):
         kc.calibrate(robot, yielding, effects={"own": {"wave": {"axes": "own"}}})
+    with pytest.raises(TypeError, match="effects.own.wave: no joint"):
+        kc.calibrate(robot, yielding, effects={"own": {"wave": {"function": wave}}})
     with pytest.raises(kc.InputError, match="wave moves joint_9, expected a moving joint"):
         kc.calibrate(robot, yielding, effects={"own": {"wave": {"joint": "joint_9", "function": wave}},
                                                "automatic": False}, **PLAIN)
+
+
+@pytest.mark.parametrize("layout", [np.asfortranarray, lambda a: np.repeat(a, 2, axis=0)[::2], lambda a: a[::-1].copy()[::-1]])
+def test_any_layout_of_columns_gives_the_same(robot, yielding, layout):
+    expected, found = (kc.calibrate(robot, yielding, **with_own(bend=function)) for function in (bend, lambda q: layout(bend(q))))
+    np.testing.assert_array_equal(found.parameters["error"], expected.parameters["error"])
+
+
+@pytest.mark.parametrize("axis", ["own", "x", "y", "along"])
+def test_axis_of_an_effect(robot, yielding, axis, tmp_path):
+    own = {"wave": {"joint": "joint_2", "axis": axis, "function": wave}}
+    found = kc.calibrate(robot, yielding, effects={"own": own, "automatic": False}, **PLAIN)
+    (term,) = found.result["effects"]["terms"]
+    assert term["about"] == axis
+    found.save(tmp_path / "r.json")
+    other = {"wave": {**own["wave"], "axis": "x" if axis == "y" else "y"}}
+    with pytest.raises(kc.InputError, match=f"moves joint_2 about '{other['wave']['axis']}'"):
+        kc.load(tmp_path / "r.json", robot, other)
+    with pytest.raises(kc.InputError, match="moves joint_3"):
+        kc.load(tmp_path / "r.json", robot, {"wave": {**own["wave"], "joint": "joint_3"}})
+
+
+def test_another_function_of_the_same_minimum(robot, yielding, tmp_path):
+    found = kc.calibrate(robot, yielding, **with_own(wave=wave))
+    found.save(tmp_path / "r.json")
+    for other in (lambda q: np.maximum(wave(q), 0.5 * wave(q)), lambda q: np.minimum(wave(q), 0.5 * wave(q))):
+        with pytest.raises(kc.InputError, match="it is another one"):
+            kc.load(tmp_path / "r.json", robot, {"wave": {"joint": "joint_2", "function": other}})
+
+
+@pytest.mark.parametrize("function", [lambda q: q[:, 1] - q[0, 1], lambda q: q[:, 1] - q[-1, 1], lambda q: np.cumsum(q[:, 1])])
+def test_functions_of_other_rows(robot, yielding, function):
+    with pytest.raises(kc.InputError, match="other values at one configuration than among all"):
+        kc.calibrate(robot, yielding, **with_own(wave=function))
+
+
+def test_own_is_as_it_was_given(robot, yielding):
+    given = with_own(wave=wave)
+    found = kc.calibrate(robot, yielding, **given)
+    given["effects"]["own"].clear()
+    assert pickle.loads(pickle.dumps(found)).own.keys() == {"wave"}

@@ -43,7 +43,9 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "frames.json").write_text(json.dumps(FRAMES))
     for name, text in KRL.items():
         (tmp_path / name).write_text(text)
-    (tmp_path / "kuka.json").write_text((URDF_DIR / "kuka.json").read_text().replace("joint_a", "joint_"))
+    convention = json.loads((URDF_DIR / "kuka.json").read_text().replace("joint_a", "joint_"))
+    convention["matrix"][0][0], convention["matrix"][2][1], convention["offset"][1] = -1, 1, 0.05
+    (tmp_path / "kuka.json").write_text(json.dumps(convention))
     return tmp_path
 
 
@@ -160,8 +162,11 @@ def test_nothing_is_lost(found, folder):
         with pytest.raises(kc.InputError, match="k.src"):
             program.save(output, overwrite=True)
     program.save("c.src")
-    with pytest.raises(kc.InputError, match="c.src"):
+    with pytest.raises(kc.InputError, match="c.src.*overwrite=True"):
         program.save("c.src")
+    for inputs in ("kuka.json", "c.dat"):
+        with pytest.raises(kc.InputError, match=f"output: '?{inputs}"):
+            kc.compensate_program(found, "k.src", joint_convention="kuka.json").save(inputs, overwrite=True)
     program.save("c.src", overwrite=True)
     with pytest.raises(kc.InputError, match="no_such_folder"):
         program.save("no_such_folder/c.src")
@@ -193,3 +198,46 @@ def test_wrong_arguments(found, folder):
     (folder / "text.ls").write_text("no program")
     with pytest.raises(kc.InputError, match="text.ls"):
         kc.compensate_program(found, "text.ls")
+
+
+def test_held_joints_of_a_program(found, folder):
+    free, held = (kc.compensate_program(found, "in.ls", controller=CONTROLLER, held=joints, position_first=True).positions
+                  for joints in ([], ["joint_1"]))  # fmt: skip
+    np.testing.assert_array_equal(held["joint_values"][:, 0], held["asked"][:, 0])
+    assert (free["joint_values"][:, 0] != free["asked"][:, 0]).all()
+
+
+RAIL = (
+    '<link name="ground"/><joint name="rail" type="prismatic"><parent link="ground"/><child link="base_link"/>'
+    '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+)
+
+
+def test_external_axes_stay(robot, tmp_path):
+    on_rail = kc.parse_robot(robot.urdf.replace("</robot>", RAIL + "</robot>"), base="ground", tip="flange")
+    assert on_rail.joints[0] == "rail"
+    m, _ = kc.simulate(on_rail, configurations=60, noise=2e-5, length_error=5e-4, angle_error=5e-4)
+    found = kc.calibrate(on_rail, m, effects={"automatic": False}, diagnosis={"try_readings": False})
+    (tmp_path / "k.src").write_text(KRL["k.src"])
+    (tmp_path / "k.dat").write_text(KRL["k.dat"].replace("A6 2.0}", "A6 2.0,E1 500.0}"))
+    for axis, place in (("rail", 0.5), ("-rail", -0.5)):
+        at = kc.compensate_program(found, tmp_path / "k.src", external_axes={"E1": axis}).positions
+        assert at["asked"][0, 0] == at["joint_values"][0, 0] == place
+
+
+def test_record_beside_the_other_file(found, folder):
+    kc.compensate_program(found, "k.dat").save("c.dat")
+    assert (folder / "c.dat.kdlcal.json").exists()
+    for again in ("c.src", "c.dat"):
+        with pytest.raises(kc.InputError, match="compensated already"):
+            kc.compensate_program(found, again)
+
+
+def test_a_convention_without_a_description(found, folder):
+    convention = json.loads((folder / "kuka.json").read_text())
+    values = np.radians([10.0, -10.0, 15.0, 5.0, 30.0, 2.0])
+    asked = np.array(convention["matrix"]) @ values + convention["offset"]
+    assert abs(asked - values).max() > 0.04
+    for given in ("kuka.json", kc.read_joint_convention("kuka.json")):
+        at = kc.compensate_program(found, "k.src", joint_convention=given).positions
+        np.testing.assert_allclose(at["asked"][0], asked, atol=1e-12)

@@ -13,15 +13,20 @@ def _numbers(values, name):
     return np.asarray(array, dtype=np.float64, order="C")
 
 
+def _refuse_first(array, name, wrong):
+    """Names the first element that is wrong."""
+    places = np.argwhere(wrong)
+    if len(places):
+        place = "".join(f"[{i}]" for i in places[0])
+        raise InputError(f"{name}{place}: {array[tuple(places[0])]}, expected a finite number")
+
+
 def _shaped(values, name, shape):
     """Finite numbers of this shape."""
     array = _numbers(values, name)
     if array.shape != shape:
         raise InputError(f"{name}: an array of shape {array.shape}, expected {shape}")
-    wrong = np.argwhere(~np.isfinite(array))
-    if len(wrong):
-        place = "".join(f"[{i}]" for i in wrong[0])
-        raise InputError(f"{name}{place}: {array[tuple(wrong[0])]}, expected a finite number")
+    _refuse_first(array, name, ~np.isfinite(array))
     return array
 
 
@@ -41,6 +46,10 @@ def _labels(values, name, count, default):
     labels = np.asarray(values)
     if labels.shape != (count,):
         raise InputError(f"{name}: an array of shape {labels.shape}, expected {(count,)}, one for each row")
+    if labels.dtype.kind in "Of":  # which may hold what stands for no value
+        for i, label in enumerate(labels):
+            if not isinstance(label, str) and str(label) in ("None", "nan", "<NA>", "NaT"):
+                raise InputError(f"{name}[{i}]: {label}, expected a label")
     return labels.astype(str)
 
 
@@ -80,6 +89,16 @@ def _repeats(configuration, target, targets):
     repeats = np.empty(len(group), dtype=np.int64)
     repeats[order] = np.arange(len(ordered)) - np.repeat(starts, lengths) + 1
     return repeats
+
+
+def _refuse_twice(rows):
+    _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[index.reshape(-1)] != np.arange(len(rows)))
+    if len(again):
+        raise InputError(
+            f"repeats[{again[0]}]: {rows[again[0], 3]}, as in row {first[index.reshape(-1)[again[0]]]} of this "
+            "configuration and target, expected a number for each"
+        )
 
 
 def _integers(values, name, count):
@@ -123,6 +142,8 @@ def _flattened(joints, points, by_row):
     count, targets = points.shape[:2]
     if joints.ndim != 2 or len(joints) != count:
         raise InputError(f"joints: an array of shape {joints.shape}, expected ({count}, n), a row for each of points")
+    _shaped(joints, "joints", joints.shape)
+    _refuse_first(points, "points", np.isinf(points) | (np.isnan(points) & ~np.isnan(points).all(axis=2, keepdims=True)))
     names = by_row.pop("targets")
     if names is None:
         names = [chr(ord("A") + i) for i in range(targets)] if targets <= 26 else None
@@ -138,6 +159,8 @@ def _flattened(joints, points, by_row):
             continue
         values = np.asarray(values)
         if values.shape[:2] == (count, targets):
+            if name == "sigma":
+                _refuse_first(values, name, ~np.isfinite(_numbers(values, name)) & measured)
             result[name] = values[measured]
         elif values.shape[:1] == (count,):
             result[name] = values[row]
@@ -206,6 +229,8 @@ def _from_rows(joints, points, joint_names, *, targets, configurations, stations
     repeat = _integers(repeats, "repeats", count)
     if repeat is None:
         repeat = _repeats(configuration, target, len(target_names))
+    else:
+        _refuse_twice(np.column_stack([configuration, target, station, repeat]))
     if sigma is not None:
         sigma = np.full(count, _shaped(sigma, "sigma", ())) if np.ndim(sigma) == 0 else _shaped(sigma, "sigma", (count,))
         if (sigma < 0.0).any():
@@ -259,7 +284,7 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
     for keyword, value in columns.items():
         if isinstance(value, str) and value in frame.columns:
             given[keyword] = frame[value].to_numpy()
-        elif keyword == "orientations" and all(isinstance(name, str) for name in value):
+        elif keyword == "orientations" and value is not None and all(isinstance(name, str) for name in value):
             given[keyword] = frame[list(value)].to_numpy()
         else:
             given[keyword] = value
