@@ -13,6 +13,7 @@
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
 #include <limits>
+#include <memory>
 #include <string>
 #include <utility>
 #include <variant>
@@ -142,11 +143,18 @@ struct PayloadTorque {
 /// convention [rad or m], each row from its configuration alone. Called from several threads at once.
 using OwnColumns = std::function<Eigen::MatrixXd(const Eigen::MatrixXd& joint_values)>;
 
+/// Values of a function of the caller's own where it was fitted: they tell it from another one.
+struct OwnValues {
+  Eigen::MatrixXd joint_values;  ///< n x m, some of those that were measured
+  Eigen::MatrixXd columns;       ///< m x K
+};
+
 /// One column of a function of the caller's own.
 struct OwnFunction {
   std::string effect;  ///< OwnEffect::name
   OwnColumns columns;
   Eigen::Index column = 0;
+  std::shared_ptr<const OwnValues> fitted = {};  ///< null where it was not
 };
 
 /// The function of an effect, one struct per kind.

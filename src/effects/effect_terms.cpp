@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <memory>
 #include <numbers>
+#include <set>
 #include <utility>
 
 #include "base/number_text.hpp"
@@ -246,7 +248,7 @@ std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std
 // would be another one in every prediction.
 MatrixXd columns_by_row(const OwnEffect& own, const MatrixXd& joint_values) {
   constexpr double kSame = 1e-9;
-  const MatrixXd columns = own_columns(own.name, own.columns, joint_values);
+  MatrixXd columns = own_columns(own.name, own.columns, joint_values);
   for (const Index c : {Index{0}, joint_values.cols() - 1}) {
     const MatrixXd alone = own_columns(own.name, own.columns, joint_values.col(c));
     if (alone.cols() != columns.cols() || !((alone.row(0) - columns.row(c)).norm() <= kSame * columns.norm())) {
@@ -256,6 +258,25 @@ MatrixXd columns_by_row(const OwnEffect& own, const MatrixXd& joint_values) {
     }
   }
   return columns;
+}
+
+// Where a column is lowest and highest, and up to 30 more places that are spread over the others.
+OwnValues telling_values(const MatrixXd& joint_values, const MatrixXd& columns) {
+  constexpr Index kPlaces = 30;
+  std::set<Index> places;
+  for (Index column = 0; column < columns.cols(); ++column) {
+    Index place = 0;
+    columns.col(column).minCoeff(&place);
+    places.insert(place);
+    columns.col(column).maxCoeff(&place);
+    places.insert(place);
+  }
+  const Index count = std::min(kPlaces, columns.rows());
+  for (Index i = 0; i < count; ++i) {
+    places.insert(i * columns.rows() / count);
+  }
+  const std::vector<Index> chosen(places.begin(), places.end());
+  return {.joint_values = joint_values(Eigen::all, chosen), .columns = columns(chosen, Eigen::all)};
 }
 
 }  // namespace
@@ -316,11 +337,13 @@ std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own,
     throw InputError("effects.own: " + own.name + " moves " + own.joint + ", expected a moving joint of the robot");
   }
   const auto joint = static_cast<std::size_t>(found - model.joints.begin());
-  const Index columns = columns_by_row(own, joint_values).cols();
+  const MatrixXd columns = columns_by_row(own, joint_values);
+  const auto fitted = std::make_shared<const OwnValues>(telling_values(joint_values, columns));
   std::vector<EffectTerm> all;
-  for (Index column = 0; column < columns; ++column) {
-    all.push_back(
-        term_of(model, joint, OwnFunction{.effect = own.name, .columns = own.columns, .column = column}, {}, own.axis));
+  for (Index column = 0; column < columns.cols(); ++column) {
+    all.push_back(term_of(model, joint,
+                          OwnFunction{.effect = own.name, .columns = own.columns, .column = column, .fitted = fitted},
+                          {}, own.axis));
     all.back().name =
         size_name(all.back()) + "." + std::to_string(joint + 1) + (column > 0 ? "." + std::to_string(column) : "");
   }

@@ -86,20 +86,18 @@ Json function_json(const Temperature& temperature) {
 
 Json function_json(const PayloadTorque& payload) { return {{"centre", array(to_eigen(payload.centre))}}; }
 
-Json function_json(const OwnFunction& own) { return {{"effect", own.effect}, {"column", own.column}}; }
-
-// Where a function of the caller's own is lowest and highest, and its values there: they tell it from another one.
-Json checks_json(const OwnFunction& own, const Eigen::MatrixXd& joint_values) {
-  const Eigen::VectorXd values = own_values(own, joint_values);
-  std::array<Eigen::Index, 2> places{};
-  values.minCoeff(&places[0]);
-  values.maxCoeff(&places[1]);
-  Json checks = Json::array();
-  for (const Eigen::Index place : places) {
-    const auto q = joint_values.col(place);
-    checks.push_back({{"joint_values", std::vector<double>(q.begin(), q.end())}, {"value", values[place]}});
+Json function_json(const OwnFunction& own) {
+  Json json = {{"effect", own.effect}, {"column", own.column}};
+  if (own.fitted != nullptr) {
+    Json checks = Json::array();
+    for (Eigen::Index i = 0; i < own.fitted->columns.rows(); ++i) {
+      const auto q = own.fitted->joint_values.col(i);
+      checks.push_back(
+          {{"joint_values", std::vector<double>(q.begin(), q.end())}, {"value", own.fitted->columns(i, own.column)}});
+    }
+    json.update({{"columns", own.fitted->columns.cols()}, {"checks", checks}});
   }
-  return checks;
+  return json;
 }
 
 Json term_json(const EffectTerm& term, double coefficient) {
@@ -173,10 +171,15 @@ JointCoupling read_coupling(const Node& node, int joints) {
   return coupling;
 }
 
-// Throws InputError where the function has not the values that the result states.
-void require_same_values(const Node& checks, const OwnFunction& own, const EffectTerm& term, Eigen::Index joints) {
+// Throws InputError where the given function has not the values that the result states.
+void require_same_values(const Node& function, const OwnFunction& own, const EffectTerm& term, Eigen::Index joints) {
   constexpr double kSame = 1e-6;
-  for (const Node& check : elements(checks)) {
+  const auto refuse = [&](const Node& place, const std::string& is, const std::string& was) {
+    throw InputError(fmt::format("{}: the given function '{}' {}, expected {} as when it was fitted", place.where,
+                                 own.effect, is, was));
+  };
+  const int columns = whole_number(member(function, "columns"), 1, 1000);
+  for (const Node& check : elements(member(function, "checks"))) {
     const Node stated = member(check, "joint_values");
     Eigen::MatrixXd joint_values(joints, 1);
     const std::vector<Node> each = elements(stated);
@@ -184,12 +187,13 @@ void require_same_values(const Node& checks, const OwnFunction& own, const Effec
       tree::fail(stated, std::to_string(joints) + " joint values");
     }
     std::transform(each.begin(), each.end(), joint_values.data(), [](const Node& value) { return number(value); });
-    const Node value = member(check, "value");
-    const double given = own_values(own, joint_values)[0];
-    if (!(std::abs(given - number(value)) <= kSame * std::max(term.scale, std::abs(number(value))))) {
-      tree::fail(value, fmt::format("{}, which the given function '{}' has there: it is another one than that of this "
-                                    "result",
-                                    shortest(given), own.effect));
+    const Eigen::MatrixXd given = own_columns(own.effect, own.columns, joint_values);
+    if (given.cols() != columns || own.column >= columns) {
+      refuse(function, fmt::format("has {} columns", given.cols()), std::to_string(columns));
+    }
+    const double expected = number(member(check, "value"));
+    if (!(std::abs(given(0, own.column) - expected) <= kSame * std::max(term.scale, std::abs(expected)))) {
+      refuse(check, "is " + shortest(given(0, own.column)) + " there", shortest(expected));
     }
   }
 }
@@ -209,7 +213,7 @@ OwnFunction read_own(const Node& node, const EffectTerm& term, std::span<const O
   OwnFunction function{
       .effect = name, .columns = found->columns, .column = whole_number(member(node, "column"), 0, 1000)};
   if (has(node, "checks")) {
-    require_same_values(member(node, "checks"), function, term, joints);
+    require_same_values(node, function, term, joints);
   }
   return function;
 }
@@ -320,9 +324,6 @@ Json effects_json(const CalibrationResult& calibration, const Measurements& meas
       continue;
     }
     terms.push_back(term_json(*term, parameter.value));
-    if (const auto* const own = std::get_if<OwnFunction>(&term->function)) {
-      terms.back()["function"]["checks"] = checks_json(*own, measurements.joint_values);
-    }
     terms.back()["std"] = finite_or_null(parameter.std);
     terms.back()["degrees_of_freedom"] = finite_or_null(parameter.degrees_of_freedom);
     terms.back()["valid_range"] = range_json(ranges[static_cast<std::size_t>(term->index)]);

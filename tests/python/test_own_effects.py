@@ -68,11 +68,39 @@ def test_files_and_copies_need_the_function(robot, yielding, random, tmp_path):
     q = random.uniform(-1.0, 1.0, (50, 6))
     with pytest.raises(kc.InputError, match="'bend' is a function of the program"):
         kc.load(tmp_path / "result.json", robot)
-    with pytest.raises(kc.InputError, match="'bend' has there: it is another one"):
+    with pytest.raises(kc.InputError, match="the given function 'bend' is .* there, expected .* as when it was fitted"):
         kc.load(tmp_path / "result.json", robot, own={"bend": {"joint": "joint_2", "function": lambda q: 1.1 * bend(q)}})
     loaded = kc.load(tmp_path / "result.json", robot, own=found.own)
     for other in (loaded, pickle.loads(pickle.dumps(found)), pickle.loads(pickle.dumps(loaded))):
         np.testing.assert_allclose(other.predict(q, "A").position, found.predict(q, "A").position, rtol=0, atol=1e-12)
+
+
+def test_a_function_that_changes_after_the_fit(robot, yielding, tmp_path):
+    """The file has the values of the fit."""
+    times = 3.0
+
+    def changing(q):
+        return np.sin(times * q[:, 1])
+
+    found = kc.calibrate(robot, yielding, **with_own(wave=changing))
+    times = 2.0
+    found.save(tmp_path / "r.json")
+    with pytest.raises(kc.InputError, match="as when it was fitted"):
+        kc.load(tmp_path / "r.json", robot, found.own)
+    times = 3.0
+    kc.load(tmp_path / "r.json", robot, found.own)
+
+
+def test_functions_that_differ_somewhere(robot, yielding, tmp_path):
+    found = kc.calibrate(robot, yielding, **with_own(wave=wave))
+    found.save(tmp_path / "r.json")
+    for other in (
+        lambda q: np.where(q[:, 1] > np.quantile(yielding.joint_values[:, 1], 0.8), 5.0, wave(q)),
+        lambda q: wave(q) * (abs(q[:, 0]) < 0.5),
+        lambda q: np.column_stack([wave(q), q[:, 0]]),
+    ):
+        with pytest.raises(kc.InputError, match="as when it was fitted"):
+            kc.load(tmp_path / "r.json", robot, {"wave": {"joint": "joint_2", "function": other}})
 
 
 def test_what_a_function_does_wrong_is_told(robot, yielding):
@@ -93,6 +121,8 @@ def test_what_a_function_does_wrong_is_told(robot, yielding):
             kc.calibrate(robot, yielding, **with_own(wave=function))
     with pytest.raises(TypeError, match="unknown option effects.own.wave.axes"):
         kc.calibrate(robot, yielding, effects={"own": {"wave": {"axes": "own"}}})
+    with pytest.raises(TypeError, match="effects.own.wave: no function"):
+        kc.calibrate(robot, yielding, effects={"own": {"wave": {"joint": "joint_2"}}})
     with pytest.raises(TypeError, match="effects.own.wave: no joint"):
         kc.calibrate(robot, yielding, effects={"own": {"wave": {"function": wave}}})
     with pytest.raises(kc.InputError, match="wave moves joint_9, expected a moving joint"):
@@ -124,7 +154,7 @@ def test_another_function_of_the_same_minimum(robot, yielding, tmp_path):
     found = kc.calibrate(robot, yielding, **with_own(wave=wave))
     found.save(tmp_path / "r.json")
     for other in (lambda q: np.maximum(wave(q), 0.5 * wave(q)), lambda q: np.minimum(wave(q), 0.5 * wave(q))):
-        with pytest.raises(kc.InputError, match="it is another one"):
+        with pytest.raises(kc.InputError, match="as when it was fitted"):
             kc.load(tmp_path / "r.json", robot, {"wave": {"joint": "joint_2", "function": other}})
 
 

@@ -121,7 +121,7 @@ TEST(EffectsJson, ACallersFunctionIsReadByItsName) {
         again.effects = read_effects({json, "effects"}, complete_model(testing::fanuc()), {{fewer}}).terms;
         effect_basis(again, q);
       }),
-      HasSubstr("bend gives 2 columns, expected as many as when it was fitted"));
+      HasSubstr("function: the given function 'bend' has 2 columns, expected 3 as when it was fitted"));
 }
 
 /// What reading is refused with where the last term whose name begins so is changed.
