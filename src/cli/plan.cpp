@@ -233,6 +233,18 @@ std::string sheet_csv(const PlanArguments& arguments, const PlanSetting& set, co
   return arguments.decimal_comma ? with_decimal_commas(csv) : csv;
 }
 
+// The new base takes up the zero of the first joint, and the new targets that of the last.
+void warn_of_unseen_zeros(const PlanArguments& arguments, const Experiment& experiment) {
+  for (const ErrorParameter& parameter : experiment.model.parameters) {
+    const bool is_named =
+        std::find(arguments.suspects.begin(), arguments.suspects.end(), parameter.joint) != arguments.suspects.end();
+    if (is_named && parameter.kind == ParameterKind::joint_offset && !experiment.free.column(parameter.name)) {
+      warn("--suspect: a change of the zero of " + parameter.joint +
+           " cannot show, as base and targets are new; of its other errors the plan tells");
+    }
+  }
+}
+
 void warn_of_narrowed(const Robot& robot, const std::vector<NarrowedRange>& ranges) {
   for (const NarrowedRange& range : ranges) {
     const MovingJoint& joint = robot.joints[range.joint];
@@ -315,6 +327,7 @@ ExitStatus run(const PlanArguments& arguments) {
   set.request.trying = [&](double share) { trying(share); };
   Plan result = make_plan(set.request);
   warn_of_narrowed(set.request.robot, result.narrowed);
+  warn_of_unseen_zeros(arguments, result.experiment);
   add_cell_note(arguments, set, result.sheet);
   if (!arguments.after.empty()) {
     result.sheet.notes.push_back("Filled in, it is for kdlcal calibrate --prior-result " + arguments.after + ".");

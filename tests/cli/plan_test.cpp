@@ -600,6 +600,9 @@ TEST_F(PlanCommand, EightConfigurationsTellWhatHasChanged) {
   const Words after = {"plan", "--urdf", kArm, "--after", "r.json", "--output", "few.csv", "--json"};
   EXPECT_EQ(run_json(after)["configurations"].size(), 8U);
   EXPECT_THAT(text_of("few.csv"), HasSubstr("# Filled in, it is for kdlcal calibrate --prior-result r.json."));
+  const Outcome unseen = run(after + Words{"--force", "--suspect", "joint_1,joint_2,joint_3"});
+  EXPECT_THAT(unseen.err, AllOf(HasSubstr("zero of joint_1 cannot show"), HasSubstr("zero of joint_3 cannot show"),
+                                Not(HasSubstr("joint_2"))));
   expect_refused(after + Words{"--force", "--suspect", "joint_1,joint_9"},
                  {"--suspect", "no joint 'joint_9'", "joint_1, joint_2"});
 }
