@@ -322,9 +322,11 @@ Calibration Calibration::at(const Circumstances& circumstances) const {
     if (std::isnan(value)) {
       return;
     }
-    if (!std::isfinite(value) || !depend_on(parts.model.effects, which)) {
-      refuse_input(std::string("a ") + to_string(which) + " at which nothing would change",
-                   std::string("a finite one, and a result that has an effect of the ") + to_string(which));
+    if (!std::isfinite(value)) {
+      refuse_input(std::string(to_string(which)) + ": not finite", "a number");
+    }
+    if (!depend_on(parts.model.effects, which)) {
+      refuse_input(std::string(to_string(which)) + ": no effect of this calibration depends on it", "none");
     }
     taken = value;
   };

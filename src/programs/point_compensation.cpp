@@ -101,6 +101,10 @@ CompensatedPosition PointCompensation::compensate(ProgramPoint& point, const App
   if (!position.written) {
     solved.joint_values = nominal;
     solved.change.setZero(nominal.size());
+    const Isometry3d X_AR =  // where the arm is that goes to the point as it stands, from where it is asked to be
+        compensator_.nominal_pose(nominal).inverse() * compensator_.calibrated_pose(nominal);
+    solved.position_error = X_AR.translation().norm();
+    solved.orientation_error = Eigen::AngleAxisd(X_AR.linear()).angle();
     return position;
   }
   position.change = commanded - joints_.controller(nominal.tail<6>());

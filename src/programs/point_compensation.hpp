@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -58,6 +59,7 @@ struct ProgramSetup {
   const Compensator& compensator;
   const Controller& controller;
   const ProgramLanguage& language;
+  std::function<void()> check = {};  ///< called every few points, from any thread: throws to stop; may be empty
 };
 
 /// From where the arm comes to a point that does not state its joint values.

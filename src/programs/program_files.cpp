@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
-#include <iterator>
 #include <nlohmann/json.hpp>
 #include <string_view>
 #include <utility>
@@ -43,8 +42,7 @@ void add_line(std::string& text, const CompensatedPosition& position) {
     change += (change.empty() ? "" : ", ") + shortest(each);
   }
   const CommandedPoint& point = position.point;
-  fmt::format_to(
-      std::back_inserter(text),
+  text += fmt::format(
       R"({{"position": {}, "line": {}, "status": "{}", "written": {}, "change": [{}], "position_error": {}, "orientation_error": {}}})",
       Json(position.name).dump(), position.line, to_string(point.status), position.written, change,
       shortest(point.position_error), shortest(point.orientation_error));

@@ -44,11 +44,18 @@ def test_growth_is_found_and_predicted(robot, warm):
     assert np.linalg.norm(with_it.at(temperature=35.0).flange_poses(nominal.joint_values)[:3, 3] - reached[:3, 3]) > 1e-4
 
 
+def test_a_temperature_shows_in_the_text(robot, warm):
+    found = kc.calibrate(robot, measured(warm, temperature=warm[3]), effects={"groups": ["drift"]}, **PLAIN)
+    assert " at 30 degC: " in repr(found.at(temperature=30.0)) and "degC" not in repr(found)
+    with pytest.raises(kc.InputError, match="temperature: not finite"):
+        found.at(temperature=np.inf)
+
+
 def test_what_nothing_depends_on_is_refused(robot, warm):
     found = kc.calibrate(robot, measured(warm), effects={"automatic": False}, **PLAIN)
-    with pytest.raises(kc.InputError, match="a temperature at which nothing would change"):
+    with pytest.raises(kc.InputError, match="temperature: no effect of this calibration depends on it"):
         found.at(temperature=30.0)
-    with pytest.raises(kc.InputError, match="a payload at which nothing would change"):
+    with pytest.raises(kc.InputError, match="payload: no effect of this calibration depends on it"):
         found.at(payload=30.0)
     with pytest.raises(kc.InputError, match="drift needs the column temperature"):
         kc.calibrate(robot, measured(warm), effects={"groups": ["drift"]}, **PLAIN)
