@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/whole_files.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -26,7 +27,9 @@ struct Found {
   std::shared_ptr<const Robot> robot;
   std::shared_ptr<const Measurements> measurements;  ///< null if it was read from a file
   std::string text = {};                             ///< of that file
+  std::string file = {};                             ///< its name
   py::dict own = {};                                 ///< its effects that are functions of the caller's own
+  Circumstances circumstances = {};                  ///< that `at` was given
   std::shared_ptr<const Found> origin = {};          ///< the one that `at` was called of, else null
   mutable std::optional<CalibratedArm> made_arm = {};
 
@@ -39,6 +42,9 @@ struct Found {
   /// Throws InputError if the calibration was read from a file.
   const Measurements& fitted() const;
 };
+
+/// Files that a calibration was made from, which nothing that it writes may replace.
+std::vector<NamedFile> files_of(const Found& found);
 
 /// The measurements with the robot's joint names, if they have none.
 std::shared_ptr<const Measurements> named(const std::shared_ptr<const Measurements>& measurements, const Robot& robot);

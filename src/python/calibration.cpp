@@ -5,6 +5,8 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <fmt/core.h>
+#include <cmath>
 #include <fstream>
 #include <sstream>
 
@@ -32,6 +34,17 @@ const Measurements& Found::fitted() const {
                             : "the calibration was read from a file, expected one that calibrate has just made");
   }
   return *measurements;
+}
+
+std::vector<NamedFile> files_of(const Found& found) {
+  std::vector<NamedFile> files = {{.option = "the robot", .path = found.robot->source}};
+  if (found.measurements && !found.measurements->source.empty()) {
+    files.push_back({.option = "the calibration", .path = found.measurements->source});
+  }
+  if (!found.file.empty()) {
+    files.push_back({.option = "load", .path = found.file});
+  }
+  return files;
 }
 
 namespace {
@@ -63,6 +76,7 @@ FoundPointer loaded(const std::filesystem::path& file, const std::shared_ptr<Rob
                                        .robot = robot,
                                        .measurements = nullptr,
                                        .text = file_text(file),
+                                       .file = std::filesystem::absolute(file).string(),
                                        .own = own.attr("copy")()});
 }
 
@@ -75,7 +89,7 @@ void save(const Found& found, const std::filesystem::path& file) {
     throw InputError("a calibration at a stated temperature or payload has no file, expected the one it was made from");
   }
   write_whole({{.option = {}, .path = file.string(), .text = found.text}},
-              {{.option = "this calibration", .path = found.robot->source}}, true);
+              {{.option = "the robot", .path = found.robot->source}}, true);
 }
 
 const char* word_of(Verdict verdict) {
@@ -161,12 +175,18 @@ KinematicFormat format_named(const std::string& name) {
   throw InputError("format: '" + name + "', expected urdf, dh, mdh, opw, ur_yaml, xacro_yaml or parameters_csv");
 }
 
+std::string words_of(const Circumstances& at) {
+  return (std::isnan(at.temperature) ? "" : fmt::format(" at {:g} degC", at.temperature)) +
+         (std::isnan(at.payload) ? "" : fmt::format(" with {:g} kg", at.payload));
+}
+
 std::string calibration_text(const Found& found) {
   const BeforeAfter& train = found.calibration.accuracy().train;
   std::ostringstream text;
   text.precision(3);
-  text << "<Calibration of " << found.robot->name << ": " << word_of(found.calibration.verdict()) << ", rms "
-       << train.before.rms * 1e3 << " mm -> " << train.after.rms * 1e3 << " mm>";
+  text << "<Calibration of " << found.robot->name << words_of(found.circumstances) << ": "
+       << word_of(found.calibration.verdict()) << ", rms " << train.before.rms * 1e3 << " mm -> "
+       << train.after.rms * 1e3 << " mm>";
   return text.str();
 }
 
@@ -249,6 +269,7 @@ void bind_calibration(py::module_& module) {
                       .robot = found->robot,
                       .measurements = nullptr,
                       .own = found->own,
+                      .circumstances = {.temperature = temperature, .payload = payload},
                       .origin = found->origin ? found->origin : found});
           },
           "temperature"_a = Circumstances::kUnknown, "payload"_a = Circumstances::kUnknown,
@@ -269,6 +290,7 @@ void bind_calibration(py::module_& module) {
       .def(
           "write_urdf",
           [](const Found& found, const std::filesystem::path& file) {
+            require_writable({{.option = {}, .path = file.string(), .text = {}}}, files_of(found), true);
             write_urdf(file, *found.robot, found.calibration);
           },
           "file"_a, "Writes the URDF with corrected joint origins.")

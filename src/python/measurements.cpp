@@ -77,6 +77,7 @@ std::shared_ptr<Measurements> from_rows(const Rows& joint_values, const py::dict
                        .is_test = integers(given, "is_test")};
   using Names = std::vector<std::string>;
   auto result = std::make_shared<Measurements>();
+  result->source = "the arrays";
   result->joints = names["joints"].cast<Names>();
   result->joint_values = joint_values.transposed();
   result->configurations = names["configurations"].cast<Names>();

@@ -312,6 +312,9 @@ std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& w
         .by("function",
             [&](const py::handle& function, const std::string& place) { effect.columns = columns_by(function, place); })
         .read(value, where + "." + effect.name);
+    if (!effect.columns) {
+      throw py::type_error(where + "." + effect.name + ": no function, expected one of joint values");
+    }
     if (effect.joint.empty()) {
       throw py::type_error(where + "." + effect.name + ": no joint, expected the name of the one that it moves");
     }

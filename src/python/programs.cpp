@@ -33,6 +33,14 @@ struct CompensatedFiles {
   double line_tolerance = 0.0;
 };
 
+std::ptrdiff_t count_left(const CompensatedProgram& program) {
+  return std::count_if(program.positions.begin(), program.positions.end(),
+                       [](const CompensatedPosition& position) { return !position.written; });
+}
+
+// The program may change its working directory before it writes.
+std::string absolute_name(const std::filesystem::path& path) { return std::filesystem::absolute(path).string(); }
+
 std::filesystem::path path_of(const py::object& given) {
   return py::module_::import("os").attr("fspath")(given).cast<std::string>();
 }
@@ -83,6 +91,9 @@ CompensatedJoints near_of(const py::object& near, std::size_t joints) {
   if (!row.is_single()) {
     throw InputError(fmt::format("near: an array of {} rows, expected ({},)", row.count(), joints));
   }
+  if (!row.row(0).allFinite()) {
+    throw InputError("near: a joint value that is not finite");
+  }
   return row.row(0);
 }
 
@@ -99,14 +110,17 @@ std::shared_ptr<CompensatedFiles> compensated_files(const std::shared_ptr<Found>
                                                                     .line_tolerance = stated.line_tolerance});
   require_original(result->given);
   for (const ProgramText& text : result->given.texts) {
-    result->inputs.push_back({.option = "program", .path = text.source});
+    result->inputs.push_back({.option = "program", .path = absolute_name(text.source)});
   }
   for (const auto& [keyword, input] : {std::pair{"controller", &stated.controller},
                                        {"joint_convention", &stated.joint_convention},
                                        {"frames", &stated.frames}}) {
     if (!input->is_none() && !py::isinstance<JointConvention>(*input)) {
-      result->inputs.push_back({.option = keyword, .path = path_of(*input).string()});
+      result->inputs.push_back({.option = keyword, .path = absolute_name(path_of(*input))});
     }
+  }
+  for (const NamedFile& input : files_of(*found)) {
+    result->inputs.push_back(input);
   }
   const Controller controller = controller_of(stated, robot, result->given);
   for (std::string& joint : carrying_joints(controller)) {
@@ -114,10 +128,13 @@ std::shared_ptr<CompensatedFiles> compensated_files(const std::shared_ptr<Found>
   }
   const CompensatedJoints near = near_of(stated.near, robot.joints.size());
   const Compensator compensator(found->calibration, stated.options);
-  const ProgramSetup setup{
-      .robot = robot, .compensator = compensator, .controller = controller, .language = *result->given.language};
   try {
-    result->program = interruptible([&](const Interruption&) {
+    result->program = interruptible([&](const Interruption& interruption) {
+      const ProgramSetup setup{.robot = robot,
+                               .compensator = compensator,
+                               .controller = controller,
+                               .language = *result->given.language,
+                               .check = [&] { interruption.check(); }};
       return compensated_program(setup, result->given.texts, near, stated.line_tolerance);
     });
   } catch (const InputError& error) {
@@ -244,17 +261,20 @@ void bind_programs(py::module_& module) {
           "warnings",
           [](const CompensatedFiles& f) {
             std::vector<std::string> warnings;
+            const std::ptrdiff_t left = count_left(f.program);
+            if (left > 0) {
+              warnings.push_back(fmt::format("{} of {} points are not reached and stay as they were", left,
+                                             f.program.positions.size()));
+            }
             std::transform(f.program.warnings.begin(), f.program.warnings.end(), std::back_inserter(warnings),
                            in_keywords);
             return warnings;
           },
-          "What the controller decides at run time, with the lines.")
+          "Points that are not reached, and what the controller decides at run time, with the lines.")
       .def("_save", &save)
       .def("__repr__", [](const CompensatedFiles& f) {
-        const auto left = std::count_if(f.program.positions.begin(), f.program.positions.end(),
-                                        [](const CompensatedPosition& p) { return !p.written; });
         return fmt::format("<CompensatedProgram in {} with {} points, {} of them left as they were>",
-                           f.given.language->name, f.program.positions.size(), left);
+                           f.given.language->name, f.program.positions.size(), count_left(f.program));
       });
   module.def(
       "compensate_program", &compensated_files, "calibration"_a.none(false), "program"_a,

@@ -137,6 +137,17 @@ def test_points_that_cannot_be_reached_stay(found, folder):
     limited = kc.compensate_program(found, "in.ls", controller=CONTROLLER, most_change=1e-9)
     assert not limited.positions["written"].any() and (limited.positions["status"] != "exact").all()
     assert limited.texts["in.ls"] == fanuc().encode()
+    # What remains is what the robot does with the program as it stands.
+    at = limited.positions
+    np.testing.assert_array_equal(at["joint_values"], at["asked"])
+    nominal = kc.Compensator(found).nominal_poses(at["asked"])
+    real = found.flange_poses(at["asked"])
+    np.testing.assert_allclose(at["position_error"], np.linalg.norm((real - nominal)[:, :3, 3], axis=1), rtol=1e-9)
+    turned = np.swapaxes(real[:, :3, :3], 1, 2) @ nominal[:, :3, :3]
+    cosine = (np.trace(turned, axis1=1, axis2=2) - 1.0) / 2.0
+    np.testing.assert_allclose(at["orientation_error"], np.arccos(np.clip(cosine, -1.0, 1.0)), rtol=1e-3)
+    assert at["position_error"].min() > 1e-5
+    assert limited.warnings[0] == "3 of 3 points are not reached and stay as they were"
     assert "3 of them left" in repr(limited)
 
 
@@ -154,6 +165,22 @@ def test_at_a_temperature_the_record_names_the_calibration(robot, folder):
     assert json.loads((folder / "out.ls.kdlcal.json").read_text())["result_sha256"] == sha256(
         (folder / "r.json").read_bytes()
     ).hexdigest()
+
+
+def test_nothing_that_was_read_is_replaced(robot, measurements, folder, monkeypatch):
+    """Also from another folder, under names that were relative when the files were read."""
+    (folder / "my.urdf").write_text(robot.urdf)
+    mine = kc.load_robot(folder / "my.urdf")
+    kc.calibrate(mine, measurements).save("r.json")
+    program = kc.compensate_program(kc.load("r.json", mine), "k.src", joint_convention="kuka.json")
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder / "elsewhere")
+    before = {file: file.read_bytes() for file in folder.iterdir() if file.is_file()}
+    for output in ("../k.src", folder / "k.src", "../kuka.json", "../my.urdf", "../r.json"):
+        with pytest.raises(kc.InputError, match="is the file that"):
+            program.save(output, overwrite=True)
+    assert {file: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
+    program.save("c.src")
 
 
 def test_nothing_is_lost(found, folder):
@@ -187,6 +214,7 @@ def test_wrong_arguments(found, folder):
         ({"controller": CONTROLLER, "external_axes": ["E1"]}, TypeError, "external_axes"),
         ({"controller": CONTROLLER, "near": [0.0] * 5}, kc.InputError, "near"),
         ({"controller": CONTROLLER, "near": [[0.0] * 6]}, kc.InputError, r"near: an array of 1 rows, expected \(6,\)"),
+        ({"controller": CONTROLLER, "near": [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]}, kc.InputError, "near: .* not finite"),
         ({"controller": CONTROLLER, "line_tolerance": "x"}, TypeError, "line_tolerance"),
         ({"controller": CONTROLLER, "line_tolerance": 0.0}, kc.InputError, "line_tolerance: 0, expected"),
         ({"controller": CONTROLLER, "nothing": 0}, TypeError, "unknown option nothing"),
