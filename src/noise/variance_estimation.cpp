@@ -124,7 +124,9 @@ VarianceEstimation::VarianceEstimation(VarianceTask task) : task_(std::move(task
     design_.row(s).head(task_.unknown.cols()) = stratum.coefficients.transpose() * task_.unknown;
     known_[s] = stratum.known + stratum.coefficients.dot(task_.stated);
   }
-  design_.rightCols(task_.further.cols()) = task_.further;
+  if (task_.further.cols() > 0) {
+    design_.rightCols(task_.further.cols()) = task_.further;
+  }
 }
 
 VectorXd VarianceEstimation::variances(const VectorXd& x) const {
