@@ -2,7 +2,6 @@
 
 #include <fmt/core.h>
 #include <algorithm>
-#include <functional>
 #include <map>
 #include <set>
 #include <utility>
@@ -47,11 +46,10 @@ void leave_out_moving_frames(Program& program, const ProgramFrames& frames) {
 }
 
 // The points whose joint values do not depend on other points.
-void compensate_alone(const PointCompensation& compensation, const std::function<void()>& check, Program& program,
+void compensate_alone(const PointCompensation& compensation, Program& program,
                       std::vector<CompensatedPosition>& positions) {
   constexpr std::size_t kBlock = 64;
   parallel_blocks(positions.size(), kBlock, 0, [&](std::size_t begin, std::size_t end) {
-    check();
     for (std::size_t i = begin; i < end; ++i) {
       if (!PointCompensation::follows_previous(program.points[i])) {
         positions[i] = compensation.compensate(program.points[i]);
@@ -295,8 +293,7 @@ CompensatedProgram compensated_program(const ProgramSetup& setup, const std::vec
   leave_out_moving_frames(program, setup.controller.frames);
   const PointCompensation compensation(setup, program, texts);
   std::vector<CompensatedPosition> positions(program.points.size());
-  compensate_alone(
-      compensation, setup.check ? setup.check : [] {}, program, positions);
+  compensate_alone(compensation, program, positions);
   InOrder(compensation, program, positions, near).compensate();
   remark_other_branches(compensation, positions, program);
   remark_close_choices(compensation, positions, program);

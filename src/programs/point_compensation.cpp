@@ -66,6 +66,7 @@ PointCompensation::PointCompensation(const ProgramSetup& setup, const Program& p
       language_(setup.language),
       frames_(program.frames),
       texts_(texts),
+      check_(setup.check),
       carrier_(setup.robot, setup.controller.external_axes),
       robot_(carrier_.arm(setup.robot)),
       joints_(robot_, setup.controller.convention ? &*setup.controller.convention : nullptr, setup.language),
@@ -81,6 +82,9 @@ bool PointCompensation::follows_previous(const ProgramPoint& point) {
 }
 
 CompensatedPosition PointCompensation::compensate(ProgramPoint& point, const Approach& approach) const {
+  if (check_) {
+    check_();
+  }
   const PointNumbers numbers = numbers_in(point);
   CompensatedPosition position{.name = point.name, .line = point.line, .point = {}, .change = SixJoints::Zero()};
   const CompensatedPoint found = solve(point, numbers, approach, position.other_way);

@@ -59,7 +59,7 @@ struct ProgramSetup {
   const Compensator& compensator;
   const Controller& controller;
   const ProgramLanguage& language;
-  std::function<void()> check = {};  ///< called every few points, from any thread: throws to stop; may be empty
+  std::function<void()> check = {};  ///< called before each point, from any thread: throws to stop; may be empty
 };
 
 /// From where the arm comes to a point that does not state its joint values.
@@ -122,6 +122,7 @@ private:
   const ProgramLanguage& language_;
   const ProgramFrames& frames_;
   const std::vector<ProgramText>& texts_;
+  std::function<void()> check_;
   Carrier carrier_;
   Robot robot_;  // the arm alone
   ControllerJoints joints_;

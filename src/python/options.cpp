@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
 #include <functional>
@@ -24,6 +25,10 @@ const char* expected() {
     return "a number";
   } else if constexpr (std::is_same_v<T, std::string>) {
     return "a text";
+  } else if constexpr (std::is_same_v<T, std::optional<std::filesystem::path>>) {
+    return "a file, a text or os.PathLike";
+  } else if constexpr (std::is_same_v<T, std::optional<std::variant<std::filesystem::path, JointConvention>>>) {
+    return "a JointConvention, or its file";
   } else if constexpr (std::is_same_v<T, std::vector<std::string>>) {
     return "a list of texts";
   } else {

@@ -4,13 +4,16 @@
 
 #include <pybind11/pybind11.h>
 
+#include <filesystem>
 #include <map>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/compensation.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measuring_plan.hpp"
 #include "kdl_calibration/simulation.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -42,9 +45,9 @@ CompensationOptions compensation_options(const py::dict& keywords);
 /// What `compensate_program` takes.
 struct GivenProgram {
   CompensationOptions options;
-  py::object controller = py::none();        ///< file
-  py::object joint_convention = py::none();  ///< JointConvention, or a file
-  py::object frames = py::none();            ///< file
+  std::optional<std::filesystem::path> controller;
+  std::optional<std::variant<std::filesystem::path, JointConvention>> joint_convention;
+  std::optional<std::filesystem::path> frames;
   py::dict external_axes;
   py::object near = py::none();  ///< (n,)
   double line_tolerance = kLineTolerance;

@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -41,32 +42,27 @@ std::ptrdiff_t count_left(const CompensatedProgram& program) {
 // The program may change its working directory before it writes.
 std::string absolute_name(const std::filesystem::path& path) { return std::filesystem::absolute(path).string(); }
 
-std::filesystem::path path_of(const py::object& given) {
-  return py::module_::import("os").attr("fspath")(given).cast<std::string>();
-}
-
 Controller controller_of(const GivenProgram& given, const Robot& robot, const ProgramFiles& program) {
   const ProgramLanguage& language = *program.language;
-  if (given.controller.is_none() && language.needs_description) {
+  if (!given.controller && language.needs_description) {
     throw InputError(
         fmt::format("{}: controllers of {} count joints in another way than URDFs do, expected controller, "
                     "the file that describes it",
                     program.named, language.name));
   }
-  Controller controller =
-      given.controller.is_none() ? controller_of_links(robot) : read_controller(path_of(given.controller));
-  if (!given.joint_convention.is_none()) {
-    controller.convention = py::isinstance<JointConvention>(given.joint_convention)
-                                ? given.joint_convention.cast<JointConvention>()
-                                : read_joint_convention(path_of(given.joint_convention));
+  Controller controller = given.controller ? read_controller(*given.controller) : controller_of_links(robot);
+  if (given.joint_convention) {
+    const auto* const file = std::get_if<std::filesystem::path>(&*given.joint_convention);
+    controller.convention =
+        file != nullptr ? read_joint_convention(*file) : std::get<JointConvention>(*given.joint_convention);
   }
   std::vector<std::pair<std::string, std::string>> axes;
   for (const auto& [axis, joint] : given.external_axes) {
     axes.emplace_back(py::str(axis), py::str(joint));
   }
   controller.external_axes = external_axes(axes, robot, "external_axes");
-  if (!given.frames.is_none()) {
-    controller.frames = read_program_frames(path_of(given.frames), language);
+  if (given.frames) {
+    controller.frames = read_program_frames(*given.frames, language);
   }
   return controller;
 }
@@ -92,36 +88,44 @@ CompensatedJoints near_of(const py::object& near, std::size_t joints) {
     throw InputError(fmt::format("near: an array of {} rows, expected ({},)", row.count(), joints));
   }
   if (!row.row(0).allFinite()) {
-    throw InputError("near: a joint value that is not finite");
+    throw InputError("near: a joint value that is not finite, expected a number for each joint");
   }
   return row.row(0);
 }
 
-std::shared_ptr<CompensatedFiles> compensated_files(const std::shared_ptr<Found>& found, const py::object& file,
-                                                    const py::kwargs& keywords) {
+std::vector<NamedFile> inputs_of(const ProgramFiles& program, const GivenProgram& given, const Found& found) {
+  std::vector<NamedFile> inputs = files_of(found);
+  const auto add = [&](const char* keyword, const std::filesystem::path& path) {
+    inputs.push_back({.option = keyword, .path = absolute_name(path)});
+  };
+  for (const ProgramText& text : program.texts) {
+    add("program", text.source);
+  }
+  if (given.controller) {
+    add("controller", *given.controller);
+  }
+  if (given.frames) {
+    add("frames", *given.frames);
+  }
+  if (given.joint_convention && std::holds_alternative<std::filesystem::path>(*given.joint_convention)) {
+    add("joint_convention", std::get<std::filesystem::path>(*given.joint_convention));
+  }
+  return inputs;
+}
+
+std::shared_ptr<CompensatedFiles> compensated_files(const std::shared_ptr<Found>& found,
+                                                    const std::filesystem::path& file, const py::kwargs& keywords) {
   const Robot& robot = *found->robot;
   GivenProgram stated = program_options(keywords);
   if (!(stated.line_tolerance > 0.0)) {
     throw InputError(fmt::format("line_tolerance: {}, expected a length above 0 [m]", stated.line_tolerance));
   }
-  auto result = std::make_shared<CompensatedFiles>(CompensatedFiles{.given = read_program(path_of(file).string()),
+  auto result = std::make_shared<CompensatedFiles>(CompensatedFiles{.given = read_program(file.string()),
                                                                     .program = {},
                                                                     .calibration = found,
                                                                     .line_tolerance = stated.line_tolerance});
   require_original(result->given);
-  for (const ProgramText& text : result->given.texts) {
-    result->inputs.push_back({.option = "program", .path = absolute_name(text.source)});
-  }
-  for (const auto& [keyword, input] : {std::pair{"controller", &stated.controller},
-                                       {"joint_convention", &stated.joint_convention},
-                                       {"frames", &stated.frames}}) {
-    if (!input->is_none() && !py::isinstance<JointConvention>(*input)) {
-      result->inputs.push_back({.option = keyword, .path = absolute_name(path_of(*input))});
-    }
-  }
-  for (const NamedFile& input : files_of(*found)) {
-    result->inputs.push_back(input);
-  }
+  result->inputs = inputs_of(result->given, stated, *found);
   const Controller controller = controller_of(stated, robot, result->given);
   for (std::string& joint : carrying_joints(controller)) {
     stated.options.held.push_back(std::move(joint));
@@ -214,8 +218,9 @@ py::dict texts_of(const CompensatedFiles& files) {
   return result;
 }
 
-void save(const CompensatedFiles& files, const py::object& output, bool overwrite, const std::string& result_sha256) {
-  std::vector<OutputFile> outputs = program_outputs(files.given, path_of(output).string());
+void save(const CompensatedFiles& files, const std::filesystem::path& output, bool overwrite,
+          const std::string& result_sha256) {
+  std::vector<OutputFile> outputs = program_outputs(files.given, output.string());
   for (OutputFile& each : outputs) {
     each.option = "output";
   }
@@ -278,12 +283,11 @@ void bind_programs(py::module_& module) {
       });
   module.def(
       "compensate_program", &compensated_files, "calibration"_a.none(false), "program"_a,
-      "A program of a controller (FANUC LS, ABB RAPID, KUKA KRL, URScript) with other numbers, as `kdlcal compensate\n"
-      "--program` writes it. program: its file. Keywords: those of Compensator; controller (a file that describes "
-      "it),\n"
-      "joint_convention (one, or its file), frames (a file), external_axes ({'E1': 'rail', 'E2': '-turntable'}: "
-      "joints\n"
-      "of the URDF), near ((n,) joint values from which it starts), line_tolerance [m].\n\n"
+      "A program of a controller (FANUC LS, ABB RAPID, KUKA KRL, URScript) with other numbers, as `kdlcal\n"
+      "compensate --program` writes it. program: its file. Keywords: those of Compensator, and\n"
+      "controller: the file that describes it. joint_convention: instead of the controller's, or its file.\n"
+      "frames: a file. external_axes: joints of the URDF, {'E1': 'rail', 'E2': '-turntable'}.\n"
+      "near: (n,) joint values from which it starts. line_tolerance: [m].\n\n"
       "Raises InputError for a calibration that is not trusted, an unknown language, and a point that cannot be read.");
 }
 

@@ -8,7 +8,7 @@
 namespace kdl_calibration::benchmarks {
 namespace {
 
-// prediction.py predicts as many.
+// As many as in prediction.py.
 void prediction_library(benchmark::State& state) {
   constexpr Eigen::Index kPredictions = 40000;
   const Robot robot = load_robot(URDF_DIR "/fanuc_r2000ic_165f.urdf");

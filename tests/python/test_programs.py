@@ -208,6 +208,8 @@ def test_wrong_arguments(found, folder):
         ({}, kc.InputError, "in.ls: controllers of FANUC LS count joints in another way.*expected controller"),
         ({"controller": "none.json"}, kc.InputError, "none.json"),
         ({"controller": 5}, TypeError, "PathLike"),
+        ({"controller": CONTROLLER, "frames": {}}, TypeError, "frames: {}, expected a file"),
+        ({"controller": CONTROLLER, "joint_convention": 5}, TypeError, "joint_convention: 5, expected a JointConvention"),
         ({"controller": CONTROLLER, "frames": "in.ls.json"}, kc.InputError, "in.ls.json"),
         ({"controller": CONTROLLER, "external_axes": {"E7": "joint_1"}}, kc.InputError, "external_axes: 'E7'"),
         ({"controller": CONTROLLER, "external_axes": {"E1": "rail"}}, kc.InputError, "external_axes: .* no joint 'rail'"),
