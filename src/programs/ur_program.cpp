@@ -101,7 +101,7 @@ private:
       const std::size_t open = std::min(bytes_.find_first_not_of(" \t", word.end), bytes_.size());
       const bool is_known = name == "set_tcp" || is_moving_word(name) || motion_word(name) != nullptr;
       if (is_known && open < bytes_.size() && bytes_[open] == '(') {
-        work(name, *text_.arguments(open), word.begin);
+        work(name, text_.arguments(open).value_or(std::vector<Span>()), word.begin);
       }
     });
   }

@@ -59,7 +59,7 @@ void Text::require_whole() const {
     }
     const Span span{.begin = at, .end = word_end};
     const std::string_view word = in(span);
-    const bool is_member = at > 0 && text_[at - 1] == '.';
+    const bool is_member = at > 0 && text_[at - 1] == '.' && is_letter(text_[at]);
     if (!is_member && !end_of(word).empty()) {
       open.push_back(span);
     } else if (!is_member && is_end(word)) {

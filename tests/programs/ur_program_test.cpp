@@ -313,6 +313,9 @@ TEST(UrScript, RefusesATextThatIsCutShort) {
   EXPECT_REFUSED("in.script:2: '(' has no ')' before the 'end' in line 3, expected",
                  parsed("def go():\n  movej((home)\nend\n"));
   EXPECT_REFUSED("in.script:2: 'end' ends nothing, expected the whole program", parsed("movej(home)\nend\n"));
+  // Brackets are no members behind a point.
+  EXPECT_REFUSED("in.script:2: '(' has no ')', expected the whole program",
+                 parsed("movej(home)\nmovel(.(p[0,0,0,0,0,0])\n"));
   EXPECT_REFUSED("in.script:1: ')' ends nothing", parsed("movej(home))\n"));
 }
 
