@@ -15,6 +15,7 @@ namespace {
 using Eigen::Index;
 using Eigen::Isometry3d;
 using Eigen::Map;
+using Eigen::MatrixXd;
 using Eigen::Ref;
 using Eigen::VectorXd;
 
@@ -33,6 +34,17 @@ private:
   std::pmr::monotonic_buffer_resource memory_{bytes_.data(), bytes_.size()};
 };
 
+// The joint values, then with each of them larger and smaller by kStep: n x (2 n + 1).
+MatrixXd neighbours(const Ref<const VectorXd>& q) {
+  const Index n = q.size();
+  MatrixXd result = q.replicate(1, 2 * n + 1);
+  for (Index k = 0; k < n; ++k) {
+    result(k, 1 + 2 * k) += kStep;
+    result(k, 2 + 2 * k) -= kStep;
+  }
+  return result;
+}
+
 }  // namespace
 
 ArmKinematics::ArmKinematics(const ErrorModel& model, const VectorXd& errors, const VectorXd& effects)
@@ -45,6 +57,7 @@ ArmKinematics::ArmKinematics(const ErrorModel& model, const VectorXd& errors, co
   if (effects_.size() > 0 && needs_torques(model)) {
     refuse_input("an arm with effects of measured torques", "effects of joint values alone");
   }
+  has_own_functions_ = kdl_calibration::has_own_functions(model);
 }
 
 Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q) const {
@@ -55,6 +68,9 @@ Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q) const {
   const Index entries = motion_size(model_);
   Map<VectorXd> moved(scratch.numbers(entries), entries);
   effect_motion(model_, effects_, q, moved);
+  if (has_own_functions_) {
+    moved += own_motions(model_, effects_, q);
+  }
   moved.head(q.size()) += q;
   return kdl_calibration::flange_pose(chain_, moved);
 }
@@ -72,7 +88,11 @@ Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Ref<Matrix6X
   Scratch scratch;
   const Index entries = motion_size(model_);
   Map<VectorXd> moved(scratch.numbers(entries), entries);
+  const MatrixXd own = has_own_functions_ ? own_motions(model_, effects_, neighbours(q)) : MatrixXd();
   effect_motion(model_, effects_, q, moved);
+  if (has_own_functions_) {
+    moved += own.col(0);
+  }
   moved.head(n) += q;
   Map<Matrix6Xd> rigid(scratch.numbers(6 * entries), 6, entries);
   Isometry3d pose = manipulator_jacobian(chain_, moved, rigid);
@@ -87,6 +107,10 @@ Isometry3d ArmKinematics::flange_pose(const Ref<const VectorXd>& q, Ref<Matrix6X
     beside[k] = q[k] - kStep;
     effect_motion(model_, effects_, beside, below);
     beside[k] = q[k];
+    if (has_own_functions_) {
+      above += own.col(1 + 2 * k);
+      below += own.col(2 + 2 * k);
+    }
     above = (above - below) / (2.0 * kStep);
     jacobian.col(k).noalias() += rigid * above;
   }

@@ -34,6 +34,7 @@ private:
   ErrorModel model_;
   Eigen::VectorXd effects_;  // one per term; empty if all are zero
   FoldedChain chain_;
+  bool has_own_functions_ = false;
 };
 
 }  // namespace kdl_calibration

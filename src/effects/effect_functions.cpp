@@ -167,7 +167,9 @@ struct RawValue {
     const double mass = around(Circumstance::payload, model.circumstances.payload);
     return mass * unit_torque(model, joint, stop.frames.moved.back() * to_eigen(payload.centre), stop.frames);
   }
-  double operator()(const OwnFunction& own_function) const { return own_values(own_function, stop.q)[0]; }
+  double operator()(const OwnFunction& of_caller) const {
+    return own_values(of_caller, own_columns(of_caller.effect, of_caller.columns, stop.q))[0];
+  }
 
   // The model's where the configuration states none.
   double around(Circumstance circumstance, double otherwise) const {
@@ -219,18 +221,17 @@ MatrixXd own_columns(const std::string& effect, const OwnColumns& columns, const
   return values;
 }
 
-VectorXd own_values(const OwnFunction& own, const MatrixXd& joint_values) {
-  const MatrixXd values = own_columns(own.effect, own.columns, joint_values);
-  if (own.column >= values.cols()) {
-    throw InputError("effects.own: " + own.effect + " gives " + std::to_string(values.cols()) +
+VectorXd own_values(const OwnFunction& own, const MatrixXd& columns) {
+  if (own.column >= columns.cols()) {
+    throw InputError("effects.own: " + own.effect + " gives " + std::to_string(columns.cols()) +
                      " columns, expected as many as when it was fitted");
   }
-  return values.col(own.column);
+  return columns.col(own.column);
 }
 
 VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, const Stops& stops) {
   if (const auto* const own = std::get_if<OwnFunction>(&term.function)) {
-    return own_values(*own, stops.q);
+    return own_values(*own, own_columns(own->effect, own->columns, stops.q));
   }
   VectorXd result(stops.q.cols());
   for (Index c = 0; c < result.size(); ++c) {

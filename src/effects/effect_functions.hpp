@@ -52,8 +52,8 @@ Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, cons
 /// All columns of the caller's own function: N x K for joint values joints x N. Throws InputError for another number of
 /// rows, no column, and values that are not finite.
 Eigen::MatrixXd own_columns(const std::string& effect, const OwnColumns& columns, const Eigen::MatrixXd& joint_values);
-/// The function's own column of them: N.
-Eigen::VectorXd own_values(const OwnFunction& own, const Eigen::MatrixXd& joint_values);
+/// The function's own column of them.
+Eigen::VectorXd own_values(const OwnFunction& own, const Eigen::MatrixXd& columns);
 
 constexpr double kTableBeyond = 2.5;  ///< extent of a table beyond each end of the measured range, in lengths
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <map>
 #include <memory>
 #include <numbers>
 #include <set>
@@ -206,10 +207,35 @@ bool has_no_unit_size(const EffectTerm& term) {
          (torque != nullptr && torque->play == 0.0) || (coupling != nullptr && coupling->times == 0.0);
 }
 
+double largest_value(const VectorXd& values) {
+  return values.array().isNaN().select(0.0, values.array().abs()).maxCoeff();
+}
+
+// Of the terms of each group that have no unit size: a payload on the last axis does not turn it but for rounding. The
+// units of a caller's own functions are its own.
+std::map<EffectGroup, double> largest_values(const ErrorModel& model, const std::vector<EffectTerm>& terms,
+                                             const Stops& stops) {
+  std::map<EffectGroup, double> largest;
+  for (const EffectTerm& term : terms) {
+    if (has_no_unit_size(term) && term.group() != EffectGroup::own && stops.q.cols() > 0) {
+      double& value = largest[term.group()];
+      value = std::max(value, largest_value(raw_values(model, term, stops)));
+    }
+  }
+  return largest;
+}
+
+double value_at(const std::map<EffectGroup, double>& values, EffectGroup group) {
+  const auto found = values.find(group);
+  return found == values.end() ? 0.0 : found->second;
+}
+
 // Sets means and scales, and leaves out terms that the N joint values do not tell apart.
 std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std::vector<EffectTerm>& terms,
                                               const Stops& stops) {
+  constexpr double kRounding = 1e-9;
   const Index stop_count = stops.q.cols();
+  const std::map<EffectGroup, double> largest = largest_values(model, terms, stops);
   std::vector<EffectTerm> kept;
   MatrixXd basis(stop_count, 0);
   std::pair<int, EffectAxis> moved = {-1, EffectAxis::own};
@@ -219,11 +245,12 @@ std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std
       basis.resize(stop_count, 0);
     }
     VectorXd values = raw_values(model, term, stops);
+    const double rounding = kRounding * std::max(largest_value(values), value_at(largest, term.group()));
     const auto known = static_cast<double>(stop_count - values.array().isNaN().count());
     term.mean = values.array().isNaN().select(0.0, values).sum() / known;
     values = values.array().isNaN().select(0.0, values.array() - term.mean).matrix();
     term.scale = values.norm() / std::sqrt(known);
-    if (!(term.scale > (has_no_unit_size(term) ? 0.0 : kLeastScale))) {
+    if (!(term.scale > (has_no_unit_size(term) ? rounding : kLeastScale))) {
       continue;
     }
     VectorXd rest = values.normalized();

@@ -124,6 +124,22 @@ namespace {
 // Standardised value of the term; 0 if it depends on an unknown signal.
 double scaled(const EffectTerm& term, double raw) { return std::isnan(raw) ? 0.0 : (raw - term.mean) / term.scale; }
 
+// Calls work(e, standardised values) for each term of a function of the caller's own. Each function is called once.
+template <typename Work>
+void for_each_own_term(const ErrorModel& model, const MatrixXd& joint_values, const Work& work) {
+  std::map<std::string, MatrixXd> columns;  // by the effect
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const EffectTerm& term = model.effects[e];
+    if (const auto* const own = std::get_if<OwnFunction>(&term.function)) {
+      auto known = columns.find(own->effect);
+      if (known == columns.end()) {
+        known = columns.emplace(own->effect, own_columns(own->effect, own->columns, joint_values)).first;
+      }
+      work(e, VectorXd((own_values(*own, known->second).array() - term.mean) / term.scale));
+    }
+  }
+}
+
 }  // namespace
 
 bool needs_torques(const ErrorModel& model) {
@@ -154,12 +170,8 @@ MatrixXd effect_basis(const ErrorModel& model, const MatrixXd& joint_values, con
       }
     }
   }
-  for (std::size_t e = 0; e < model.effects.size(); ++e) {  // of all configurations in one call
-    const EffectTerm& term = model.effects[e];
-    if (const auto* const own = std::get_if<OwnFunction>(&term.function)) {
-      basis.row(static_cast<Index>(e)) = (own_values(*own, joint_values).array() - term.mean) / term.scale;
-    }
-  }
+  for_each_own_term(model, joint_values,
+                    [&](std::size_t e, const VectorXd& values) { basis.row(static_cast<Index>(e)) = values; });
   return basis;
 }
 
@@ -174,8 +186,23 @@ void effect_motion(const ErrorModel& model, const VectorXd& values, const Ref<co
   motion.setZero();
   for (std::size_t e = 0; e < model.effects.size(); ++e) {
     const EffectTerm& term = model.effects[e];
-    motion[motion_entry(model, term)] += values[static_cast<Index>(e)] * scaled(term, raw_value(model, term, stop));
+    if (!std::holds_alternative<OwnFunction>(term.function)) {
+      motion[motion_entry(model, term)] += values[static_cast<Index>(e)] * scaled(term, raw_value(model, term, stop));
+    }
   }
+}
+
+MatrixXd own_motions(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values) {
+  MatrixXd motions = MatrixXd::Zero(motion_size(model), joint_values.cols());
+  for_each_own_term(model, joint_values, [&](std::size_t e, const VectorXd& basis) {
+    motions.row(motion_entry(model, model.effects[e])) += values[static_cast<Index>(e)] * basis;
+  });
+  return motions;
+}
+
+bool has_own_functions(const ErrorModel& model) {
+  return std::any_of(model.effects.begin(), model.effects.end(),
+                     [](const EffectTerm& term) { return std::holds_alternative<OwnFunction>(term.function); });
 }
 
 MatrixXd effective_joint_values(const ErrorModel& model, const VectorXd& values, const MatrixXd& joint_values,

@@ -72,9 +72,13 @@ Eigen::Index motion_size(const ErrorModel& model);
 Eigen::Index motion_entry(const ErrorModel& model, const EffectTerm& term);
 
 /// The terms' addition to the joint values of one configuration without signals: `motion` (motion_size) [rad or m].
-/// `values` holds one value per term. Allocates nothing for few joints.
+/// `values` holds one value per term. Allocates nothing for few joints. Without functions of the caller's own.
 void effect_motion(const ErrorModel& model, const Eigen::VectorXd& values, const Eigen::Ref<const Eigen::VectorXd>& q,
                    Eigen::Ref<Eigen::VectorXd> motion);
+/// The same of functions of the caller's own, each called once for all configurations: motion_size x N.
+Eigen::MatrixXd own_motions(const ErrorModel& model, const Eigen::VectorXd& values,
+                            const Eigen::MatrixXd& joint_values);
+bool has_own_functions(const ErrorModel& model);
 
 /// The joint values including effects, for the folded chain: motion_size x N, or joints x N if all values are zero.
 /// `values` holds one value per term of the model; empty means none.

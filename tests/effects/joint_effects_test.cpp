@@ -302,6 +302,7 @@ TEST(JointEffects, ColumnsOfACallersFunctionAreTerms) {
     EXPECT_NEAR(value_of(model.effects[1], basis(1, c)), q(1, c) * q(4, c), 1e-12);
     Eigen::VectorXd motion(motion_size(model));  // of one configuration alone
     effect_motion(model, values, q.col(c), motion);
+    motion += own_motions(model, values, q.col(c));
     EXPECT_NEAR(motion[motion_entry(model, model.effects[0])], 0.5 * basis(0, c) - 2.0 * basis(1, c), 1e-12);
   }
 }
@@ -526,6 +527,34 @@ TEST(JointEffects, PayloadsTurnTheJointsByTheirTorque) {
       EXPECT_NEAR(value_of(term, basis(static_cast<Eigen::Index>(e), c)), torques[term.index], 1e-9) << term.name;
     }
   }
+}
+
+// Its torque about the axis that it lies on is rounding.
+TEST(JointEffects, APayloadOnAnAxisDoesNotTurnThatJoint) {
+  ErrorModel model = complete_model(fanuc());
+  Random random(14);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  DriveSignals signals;
+  signals.circumstances = Eigen::MatrixXd::Constant(2, 60, Circumstances::kUnknown);
+  signals.circumstances.row(1) = 100.0 * Eigen::RowVectorXd::LinSpaced(60, 0.0, 1.0);
+  const auto names = [&] { return names_of(effect_terms(model, EffectGroup::payload, q, signals)); };
+  EXPECT_THAT(names(), ::testing::Not(::testing::Contains("payload.6")));
+  EXPECT_THAT(names(), ::testing::IsSupersetOf({"payload.2", "payload.3", "payload.5"}));
+  model.payload_centre = KDL::Vector(1e-3, 0.0, 0.0);
+  EXPECT_THAT(names(), ::testing::Contains("payload.6"));
+}
+
+TEST(JointEffects, AColumnThatChangesByRoundingAloneIsNoTerm) {
+  const ErrorModel model = complete_model(fanuc());
+  Random random(15);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  const OwnColumns one = [](const Eigen::MatrixXd& at) {
+    const Eigen::ArrayXd x = at.row(1).transpose();
+    return Eigen::MatrixXd((x.sin().square() + x.cos().square()).matrix());
+  };
+  EXPECT_TRUE(own_terms(model, own_effect("one", one), q).empty());
+  const OwnColumns small = [](const Eigen::MatrixXd& at) { return Eigen::MatrixXd(1e-12 * at.row(1).transpose()); };
+  EXPECT_EQ(own_terms(model, own_effect("small", small), q).size(), 1U);
 }
 
 // Joint values with what the drives told there; some directions are not known.
