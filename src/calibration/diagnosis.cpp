@@ -39,7 +39,8 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
                                              .fix = task.parameters.fix,
                                              .uncertainty = found.uncertainty.predicted.measured.rms,
                                              .stated = found.settings.noise.stated,
-                                             .scale_sigma = found.settings.noise.scale_sigma});
+                                             .scale_sigma = found.settings.noise.scale_sigma,
+                                             .threads = task.threads});
       search.detectable = std::move(likely.detectable);
       if (likely.mistake) {
         result.push_back(std::move(*likely.mistake));

@@ -102,7 +102,8 @@ public:
                                             .fix = options_.fix,
                                             .uncertainty = options_.uncertainty,
                                             .stated = options_.stated,
-                                            .scale_sigma = options_.scale_sigma});
+                                            .scale_sigma = options_.scale_sigma,
+                                            .threads = options_.threads});
       detectable = std::move(found.detectable);
       if (found.mistake) {
         readings_.push_back(std::move(*found.mistake));

@@ -148,12 +148,20 @@ public:
       row = end;
     }
   }
+  // Of J M, whose M has few rows that are not zero.
   AlternativeSums of(const MatrixXd& M) const {
+    std::vector<Index> few;
+    for (Index row = 0; row < M.rows(); ++row) {
+      if (!M.row(row).isZero(0.0)) {
+        few.push_back(row);
+      }
+    }
+    const MatrixXd of_few = M(few, Eigen::all);
     AlternativeSums result;
     for (std::size_t s = 0; s < kStrata; ++s) {
-      result.cross[s] = information_[s] * M;
-      result.own[s] = M.transpose() * squares_[s] * M;
-      result.right[s] = M.transpose() * gradient_[s];
+      result.cross[s] = information_[s](Eigen::all, few) * of_few;
+      result.own[s] = of_few.transpose() * squares_[s](few, few) * of_few;
+      result.right[s] = of_few.transpose() * gradient_[s](few);
     }
     result.size = result.own[0] + result.own[1];
     return result;

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "base/decompositions.hpp"
+#include "base/dense.hpp"
 #include "base/distributions.hpp"
 
 namespace kdl_calibration {
@@ -26,6 +27,18 @@ std::array<std::vector<Index>, kStrata> rows_of_strata(std::span<const RowStratu
     result[static_cast<std::size_t>(strata[row])].push_back(static_cast<Index>(row));
   }
   return result;
+}
+
+Factor of_root(const MatrixXd& root) { return factor(root, root.rows() == root.cols() ? Shape::upper : Shape::full); }
+
+// Replaces A = L L^T by L^-1. False if A is not positive definite.
+bool invert_root(MatrixXd& A) {
+  if (!factorise(A)) {
+    return false;
+  }
+  invert_lower(A);
+  A.triangularView<Eigen::StrictlyUpper>().setZero();
+  return true;
 }
 
 struct Determined {
@@ -103,6 +116,7 @@ Explanations::Explanations(const LinearisedFit& fit) : fit_(fit) {
     const MatrixXd J = fit.jacobian(rows[s], free_);
     const VectorXd e = fit.residual(rows[s]);
     root_[s] = triangular_factor(J);
+    gram_[s] = symmetric_product(of_root(root_[s]).transposed(), of_root(root_[s]).transposed());
     gradient_[s] = J.transpose() * e;
     squares_[place] = e.squaredNorm();
     weights.variance[place] =
@@ -127,28 +141,59 @@ bool Explanations::is_error(Index free) const {
   return fit_.is_error[static_cast<std::size_t>(free_[static_cast<std::size_t>(free)])];
 }
 
+// R^-1 of R^T R = J^T J / variance + diag(per_size)^2. By Cholesky's factor, and once more by that of what rounding has
+// left (Yamamoto, Nakatsukasa, Yanagisawa and Fukaya 2015: CholeskyQR2), as accurate as by reflections, which take over
+// where too little is left.
+MatrixXd Explanations::inverse_root(const OfStrata& variance, const VectorXd& per_size) const {
+  constexpr double kFar = 0.5;
+  const Index columns = per_size.size();
+  MatrixXd A = per_size.cwiseAbs2().asDiagonal();
+  for (std::size_t s = 0; s < kStrata; ++s) {
+    A += gram_[s] / variance[static_cast<Index>(s)];
+  }
+  const VectorXd scale = A.diagonal().cwiseSqrt().cwiseInverse();
+  A = scale.asDiagonal() * A * scale.asDiagonal();
+  if (invert_root(A)) {
+    const MatrixXd of_sizes = A * scale.cwiseProduct(per_size).asDiagonal();
+    MatrixXd left = symmetric_product(factor(of_sizes, Shape::lower), factor(of_sizes, Shape::lower));
+    for (std::size_t s = 0; s < kStrata; ++s) {
+      const MatrixXd rows = root_[s] * (scale / std::sqrt(variance[static_cast<Index>(s)])).asDiagonal();
+      const MatrixXd turned = product(factor(A, Shape::lower), of_root(rows));
+      const Factor part = factor(turned, of_root(rows).shape == Shape::upper ? Shape::lower : Shape::full);
+      add_symmetric_product(1.0, part, part, left);
+    }
+    left.triangularView<Eigen::StrictlyUpper>() = left.transpose();
+    if ((left - MatrixXd::Identity(columns, columns)).norm() < kFar && invert_root(left)) {
+      return scale.asDiagonal() *
+             product(factor(A, Shape::lower).transposed(), factor(left, Shape::lower));  // (left A)^T
+    }
+  }
+  MatrixXd rows = per_size.asDiagonal();
+  for (std::size_t s = 0; s < kStrata; ++s) {
+    const Index above = rows.rows();
+    rows.conservativeResize(above + root_[s].rows(), Eigen::NoChange);
+    rows.bottomRows(root_[s].rows()) = root_[s] / std::sqrt(variance[static_cast<Index>(s)]);
+  }
+  return triangular_factor(rows).triangularView<Eigen::Upper>().solve(MatrixXd::Identity(columns, columns));
+}
+
 Explanations::Equations Explanations::equations(const Weights& weights) const {
   const auto columns = static_cast<Index>(free_.size());
   Equations result{.weights = weights, .per_size = VectorXd(columns)};
   for (Index i = 0; i < columns; ++i) {
     result.per_size[i] = 1.0 / ((is_error(i) ? weights.size : 1.0) * fit_.sizes[free_[static_cast<std::size_t>(i)]]);
   }
-  MatrixXd rows = result.per_size.asDiagonal();
   VectorXd right = -result.per_size.cwiseAbs2().cwiseProduct(fit_.values(free_));
   for (std::size_t s = 0; s < kStrata; ++s) {
-    const double variance = weights.variance[static_cast<Index>(s)];
-    const Index above = rows.rows();
-    rows.conservativeResize(above + root_[s].rows(), Eigen::NoChange);
-    rows.bottomRows(root_[s].rows()) = root_[s] / std::sqrt(variance);
-    right += gradient_[s] / variance;
+    right += gradient_[s] / weights.variance[static_cast<Index>(s)];
   }
-  const MatrixXd R = triangular_factor(rows);
-  result.inverse_root = R.triangularView<Eigen::Upper>().solve(MatrixXd::Identity(columns, columns));
+  result.inverse_root = inverse_root(weights.variance, result.per_size);
   result.x = result.inverse_root.transpose() * right;
   for (std::size_t s = 0; s < kStrata; ++s) {
     const auto place = static_cast<Index>(s);
-    result.freedom[place] =
-        fit_.coordinates[place] - (root_[s] * result.inverse_root).squaredNorm() / weights.variance[place];
+    const MatrixXd fitted =
+        product(of_root(root_[s]), factor(result.inverse_root, Shape::upper).transposed());  // J R^-1
+    result.freedom[place] = fit_.coordinates[place] - fitted.squaredNorm() / weights.variance[place];
   }
   for (Index i = 0; i < columns; ++i) {
     result.of_sizes +=

@@ -111,6 +111,7 @@ private:
   struct Solution;
   AlternativeSums nothing() const;
   bool is_error(Eigen::Index free) const;
+  Eigen::MatrixXd inverse_root(const OfStrata& variance, const Eigen::VectorXd& per_size) const;
   Equations equations(const Weights& weights) const;
   struct Gain;
   Gain gain(const AlternativeSums& sums, const Equations& equations) const;
@@ -122,6 +123,7 @@ private:
   const LinearisedFit& fit_;
   std::vector<Eigen::Index> free_;                 // columns that are not held
   std::array<Eigen::MatrixXd, kStrata> root_;      // R of J
+  std::array<Eigen::MatrixXd, kStrata> gram_;      // R^T R
   std::array<Eigen::VectorXd, kStrata> gradient_;  // J^T e
   OfStrata squares_ = OfStrata::Zero();
   std::shared_ptr<const Equations> without_;  // any alternative

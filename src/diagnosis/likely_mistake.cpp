@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/parallel.hpp"
 #include "base/text.hpp"
 #include "diagnosis/changes_midway.hpp"
 #include "diagnosis/mistake_trial.hpp"
@@ -264,7 +265,7 @@ bool explains_as_well(const OrdinaryFit& fit, const Explained& explained) {
 }
 
 std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const Explanations& explanations,
-                             const OrdinaryFit& fit, double uncertainty) {
+                             const OrdinaryFit& fit, const FitToDoubt& doubted) {
   constexpr double kHopeless = -5.0;  // first evidence
   constexpr std::size_t kMostFitted = 8;
   std::vector<const MistakeFamily*> tried;
@@ -276,12 +277,16 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
   std::sort(tried.begin(), tried.end(),
             [](const MistakeFamily* a, const MistakeFamily* b) { return a->evidence > b->evidence; });
   tried.resize(std::min(tried.size(), kMostFitted));
+  std::vector<Explained> all(tried.size());
+  parallel_for(tried.size(), doubted.threads,
+               [&](std::size_t i) { all[i] = explanations.explained(tried[i]->best->sums, tried[i]->best->motion); });
   std::optional<Found> result;
   const double rms = fit.misfit();
-  for (const MistakeFamily* family : tried) {
-    const Explained explained = explanations.explained(family->best->sums, family->best->motion);
+  for (std::size_t i = 0; i < tried.size(); ++i) {
+    const MistakeFamily* const family = tried[i];
+    const Explained& explained = all[i];
     const double left = rms * std::sqrt(std::min(explained.share_left, 1.0));  // beside ordinary sizes it is more
-    const double radius = kRadius * std::hypot(uncertainty * left / rms, left);
+    const double radius = kRadius * std::hypot(doubted.uncertainty * left / rms, left);
     const Found found{.trial = *family->best,
                       .explained = explained,
                       .evidence = explained.evidence - std::log(family->trials),
@@ -390,7 +395,7 @@ Search best_mistake(const OrdinaryFit& fit, const FitToDoubt& doubted) {
     try_joints(fit, explanations, families);
     try_changes(fit, explanations, families);
   }
-  return {.found = best_of(families, explanations, fit, doubted.uncertainty),
+  return {.found = best_of(families, explanations, fit, doubted),
           .detectable = detectable(families, explanations, kRadius * std::hypot(doubted.uncertainty, fit.misfit()))};
 }
 
@@ -411,7 +416,8 @@ MistakeSearch likely_beside(const FitToDoubt& fit) {
                           .uncertainty = fit.uncertainty,
                           .stated = fit.stated,
                           .scale_sigma = fit.scale_sigma,
-                          .beside_effects = fit.beside_effects};
+                          .beside_effects = fit.beside_effects,
+                          .threads = fit.threads};
     const OrdinaryFit ordinary(rest);
     Search search = best_mistake(ordinary, rest);
     result.detectable = std::move(search.detectable);

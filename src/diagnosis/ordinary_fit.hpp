@@ -31,6 +31,7 @@ struct FitToDoubt {
   NoiseModel stated = {};             ///< noise of the measurements
   double scale_sigma = 0.0;           ///< of a factor on all lengths: what is in every uncertainty is no mistake
   bool beside_effects = true;         ///< false: the effects of the model are doubted as well, and not held as ordinary
+  int threads = 1;                    ///< 0: one per core; the answer does not depend on it
 };
 
 /// Every geometric error, also those that would part kept axes, sag under gravity and gain has an ordinary size, the
