@@ -89,7 +89,7 @@ struct NoiseOptions {
 struct ValidationOptions {
   bool leave_one_out = false;
   bool nested = false;  ///< leave-one-out that also repeats every automatic choice without each configuration
-  int k_fold = 0;       ///< 0: none
+  int k_fold = 0;       ///< at least 2; 0: none
   /// Default if neither is requested: leave-one-out or, above kMostLeftOutSingly configurations, ten folds. Without it
   /// doubts cannot consider the error at unseen configurations.
   bool held_out = true;

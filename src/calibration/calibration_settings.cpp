@@ -26,7 +26,7 @@ void require_no_other_choice(const CalibrationOptions& options) {
         std::pair{priors.stated.length > 0.0 || priors.stated.angle > 0.0 || priors.automatic.value_or(false), "prior"},
         std::pair{!effects.groups.empty() || !effects.own.empty() || effects.automatic.value_or(false), "effects"}}) {
     if (is_made) {
-      throw OptionError("prior_result", std::string("decides this already, expected no ") + option + " beside it");
+      throw OptionError("priors.earlier", std::string("decides this already, expected no ") + option + " beside it");
     }
   }
 }
@@ -71,8 +71,12 @@ CalibrationSettings settings_of(const CalibrationOptions& options) {
     require_index("the group of effects", static_cast<std::size_t>(group), kEffectGroups);
   }
   require_names(effects.own);
-  if (options.estimator.iterations > kMostIterations) {
-    throw OptionError("iterations", "at most " + std::to_string(kMostIterations) + " are possible");
+  if (options.estimator.iterations < 0 || options.estimator.iterations > kMostIterations) {
+    throw OptionError("iterations", "from 0 to " + std::to_string(kMostIterations) + " are possible");
+  }
+  if (options.validation.k_fold < 0 || options.validation.k_fold == 1) {
+    throw OptionError("validation.k_fold", "cannot be " + std::to_string(options.validation.k_fold) +
+                                               ", expected at least 2 folds, or 0 for none");
   }
   return {.estimator = options.estimator,
           .parameters = options.parameters,

@@ -590,9 +590,23 @@ Remarks said_of_limits(const CalibrationResult& found, const Measurements& measu
                fmt::format("{} of {} configurations have joint values outside the limits of the URDF", outside, all)}};
 }
 
-// About the noise and the priors.
-Remarks said_of_noise(const CalibrationResult& found) {
+// RMS of the residuals of a coordinate over what the noise leaves of it after the fit; 1 where too little is left.
+double residuals_over_noise(const CalibrationResult& found, const Measurements& measurements) {
   constexpr double kFew = 10.0;
+  double coordinates = 0.0;
+  for (const Observation& o : measurements.observations) {
+    coordinates += o.split == Split::train ? std::min(dimension(o.reading), 3) : 0;
+  }
+  const double left = coordinates - static_cast<double>(found.fit.free.size());
+  const ErrorStatistics& fitted = found.accuracy.train.after;
+  const double squares = fitted.rms * fitted.rms * static_cast<double>(fitted.count);
+  return left >= kFew && found.noise.sigma > 0.0 ? std::sqrt(squares / left) / found.noise.sigma : 1.0;
+}
+
+// About the noise and the priors.
+Remarks said_of_noise(const CalibrationResult& found, const Measurements& measurements) {
+  constexpr double kFew = 10.0;
+  constexpr double kFarBelow = 1.0 / 3.0;
   Remarks result;
   if (found.noise.variance_factor > 1.0) {
     const double ratio = std::sqrt(found.noise.variance_factor);
@@ -601,6 +615,13 @@ Remarks said_of_noise(const CalibrationResult& found) {
                       .message = fmt::format("the residuals are {:.4g} times the stated noise; {}", ratio,
                                              found.noise.parts ? "what is beyond it counts as misfit of the model"
                                                                : "the uncertainties were scaled up by that")});
+  }
+  if (const double ratio = residuals_over_noise(found, measurements); ratio < kFarBelow) {
+    result.push_back({.cause = Cause::beyond_stated_noise,
+                      .figures = {{"noise_ratio", ratio}},
+                      .message = fmt::format("the residuals are only {:.2g} times the noise of {}; is it stated in "
+                                             "metres? All uncertainties follow from it",
+                                             ratio, in_millimetres(found.noise.sigma))});
   }
   if (is_exact_as_read(found)) {
     const double nominal = found.accuracy.held_out()->before.rms;
@@ -695,9 +716,9 @@ std::vector<Remark> remarks(const CalibrationResult& found, const Diagnosis& dia
     of_data.push_back({.cause = Cause::ambiguous_registration, .message = "registration: " + ambiguity});
   }
   Remarks result;
-  for (const Remarks& some :
-       {said_of_gauge(found), of_data, said_of_limits(found, measurements), said_of_noise(found), said_of_zero(found),
-        said_of_change(found), said_of_urdf(found), said_of_stations(found), said_of_model(found, diagnosis)}) {
+  for (const Remarks& some : {said_of_gauge(found), of_data, said_of_limits(found, measurements),
+                              said_of_noise(found, measurements), said_of_zero(found), said_of_change(found),
+                              said_of_urdf(found), said_of_stations(found), said_of_model(found, diagnosis)}) {
     result.insert(result.end(), some.begin(), some.end());
   }
   return result;

@@ -1,6 +1,7 @@
 #include "calibration/new_point.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -107,6 +108,36 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
   return region;
 }
 
+namespace {
+
+// [m^2] by which one row scatters more than the mean of its repeats, on average over the targets of configurations.
+double scatter_of_one(const CalibrationResult& calibration, const Measurements& measurements) {
+  const NewPointNoise noise = new_point_noise(calibration.noise);
+  struct Rows {
+    double count = 0.0;
+    double variance = 0.0;  // of one, in all its directions
+  };
+  std::map<std::array<int, 3>, Rows> groups;
+  for (const Observation& o : measurements.observations) {
+    if (o.split == Split::train) {
+      Rows& rows = groups[{o.configuration, o.target, o.station}];
+      rows.count += 1.0;
+      const bool is_distance = std::holds_alternative<Distance>(o.reading);
+      const Observation one{.reading = Point{is_distance ? Eigen::Vector3d(Eigen::Vector3d::Zero()) : o.position()},
+                            .noise = noise.at(static_cast<std::size_t>(o.station))};
+      const double of_point = point_covariance(noise.model, one).trace() + noise.model.common.squaredNorm();
+      rows.variance = noise.variance_factor * of_point * std::min(dimension(o.reading), 3) / 3.0;
+    }
+  }
+  double sum = 0.0;
+  for (const auto& [place, rows] : groups) {
+    sum += rows.variance * (1.0 - 1.0 / rows.count);
+  }
+  return groups.empty() ? 0.0 : sum / static_cast<double>(groups.size());
+}
+
+}  // namespace
+
 NewPointErrors new_point_errors(const CalibrationResult& calibration, const Measurements& measurements) {
   const Accuracy& accuracy = calibration.accuracy;
   const BeforeAfter* left_out = accuracy.held_out();
@@ -119,8 +150,9 @@ NewPointErrors new_point_errors(const CalibrationResult& calibration, const Meas
       configurations_with(result.rows == NewPointErrors::Rows::test ? Split::test : Split::train, measurements);
   result.configurations = static_cast<int>(std::count(has_errors.begin(), has_errors.end(), true));
   result.coverage_factor = coverage_factor(std::max(1, result.configurations));
+  const double of_one = left_out != nullptr ? std::sqrt(scatter_of_one(calibration, measurements)) : 0.0;
   const auto expanded = [&](double rms) {
-    return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions);
+    return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions, of_one);
   };
   const double chosen = left_out == nullptr             ? errors.after.rms
                         : accuracy.nested_leave_one_out ? accuracy.nested_leave_one_out->rms

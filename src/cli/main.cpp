@@ -159,7 +159,7 @@ std::string option_of(const std::string& member) {
                                                             {"known.bases", "--known-base"},
                                                             {"known.targets", "--known-targets"},
                                                             {"keep_axes", "--keep-axes"},
-                                                            {"prior_result", "--prior-result"}};
+                                                            {"priors.earlier", "--prior-result"}};
   const auto found = others.find(member);
   return found == others.end() ? "--" + member : found->second;
 }

@@ -41,12 +41,12 @@ void require_urdf(const Robot& robot) {
 EarlierResult earlier_result(const Calibration& earlier, const Robot& robot) {
   require_same_robot(robot, earlier);
   if (earlier.verdict() != Verdict::trusted) {
-    throw OptionError("prior_result",
+    throw OptionError("priors.earlier",
                       "is not trusted everywhere, expected a result whose parameters are all determined");
   }
   const CalibrationParts& parts = earlier.parts();
   if (parts.covariance.size() == 0) {
-    throw OptionError("prior_result", "has no covariance, expected a result of at most 300 parameters");
+    throw OptionError("priors.earlier", "has no covariance, expected a result of at most 300 parameters");
   }
   const Unknowns own = parts.free.without(UnknownGroup::base).without(UnknownGroup::targets);
   const Eigen::Index first = parts.free.range(UnknownGroup::geometric).first;
@@ -223,7 +223,7 @@ KeptAxes kept_axes(const CalibrationOptions& options) {
   const KeptAxes kept = earlier != nullptr ? earlier->parts().model.kept_axes : asked;
   if (asked != KeptAxes::none && asked != kept) {
     throw OptionError("keep_axes", "the earlier result keeps other axes or none, expected one with the same option",
-                      {"prior_result"});
+                      {"priors.earlier"});
   }
   return kept;
 }

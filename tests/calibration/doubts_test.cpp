@@ -600,6 +600,8 @@ std::vector<Scenario> scenarios() {
       {"nothing to calibrate", without_errors(), {"worse_than_nominal", "nominal_kept"}, {}},
       {"noise stated a little too small", with_stated_sigma(0.95 * kNoise), {}, {}},
       {"noise stated too small", with_stated_sigma(0.5 * kNoise), {}, {"times the stated noise; what is beyond it"}},
+      {"noise stated a little too large", with_stated_sigma(2.0 * kNoise), {}, {}},
+      {"noise stated too large", with_stated_sigma(10.0 * kNoise), {}, {"is it stated in metres"}},
       {"too few iterations",
        Series().calibrated({.estimator = {.iterations = 1}}),
        {"not_converged"},

@@ -259,6 +259,19 @@ TEST(NewPoint, StatesTheErrorsOfAllRobotsInTheSameWay) {
   EXPECT_NEAR(left_out.urdf_alone, 2.649 * 5e-5, 1e-7);
   EXPECT_NEAR(left_out.nominal, 2.649 * std::hypot(7e-4, 3e-5), 1e-6);
 
+  // The means of three repeats were left out: a single point has two thirds of its variance besides.
+  found.noise.independent = Vector3d(1e-5, 2e-5, 3e-5);
+  found.noise.common = Vector3d(2e-5, 0.0, 0.0);
+  found.noise.misfit = 1e-3;  // of the configuration, in every repeat
+  left_out = new_point_errors(found, measurements);
+  const double of_one = 18e-10 * 2.0 / 3.0;
+  EXPECT_NEAR(left_out.compensated, 2.649 * std::sqrt(25e-10 + of_one), 1e-7);
+  EXPECT_NEAR(left_out.urdf_alone, left_out.compensated, 1e-12);
+  Measurements once = measurements;
+  std::erase_if(once.observations, [](const Observation& o) { return o.repeat > 0; });
+  EXPECT_NEAR(new_point_errors(found, once).compensated, 2.649 * 5e-5, 1e-7);
+  found.noise = {};
+
   found.accuracy.nested_leave_one_out = ErrorStatistics{.count = 5, .rms = 4e-4};
   EXPECT_NEAR(new_point_errors(found, measurements).compensated, 2.649 * std::hypot(4e-4, 3e-5), 1e-6);
 }
