@@ -68,7 +68,11 @@ std::vector<EnteredOffset> parse_entered_offsets(std::string_view csv, const std
     if (std::any_of(entered.begin(), entered.end(), [&](const EnteredOffset& other) { return other.joint == joint; })) {
       fail(lines.place(), shown(joint) + " is there twice, expected each joint once");
     }
-    const std::optional<double> number = parsed_number(fields[1]);
+    std::string text(fields[1]);
+    if (separator == ';') {
+      std::replace(text.begin(), text.end(), ',', '.');
+    }
+    const std::optional<double> number = parsed_number(text);
     const Unit unit = unit_named(lower_case(fields[2]));
     if (!number || unit == Unit::none) {
       fail(lines.place(), "'" + std::string(fields[1]) + " " + std::string(fields[2]) +
@@ -154,6 +158,7 @@ ExitStatus run(const ApplyArguments& arguments) {
   }
   files.front().text = with_provenance(mastered, arguments, urdf);
   write_whole(files, arguments.force, summary(entered, files));
+  std::for_each(mastered.warnings.begin(), mastered.warnings.end(), warn);
   return done;
 }
 

@@ -114,7 +114,7 @@ class Compensation {
 public:
   Compensation(const CompensateArguments& arguments, const Robot& robot, const JointConvention* convention)
       : arguments_(arguments),
-        calibration_(load_calibration(arguments.result, robot).at(arguments.circumstances)),
+        calibration_(at_circumstances(load_calibration(arguments.result, robot), arguments.circumstances)),
         compensator_(calibration_,
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments)),

@@ -137,7 +137,7 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   for (std::string& joint : carrying_joints(controller)) {
     options.held.push_back(std::move(joint));
   }
-  const Calibration calibration = load_calibration(arguments.result, robot).at(arguments.circumstances);
+  const Calibration calibration = at_circumstances(load_calibration(arguments.result, robot), arguments.circumstances);
   require_writable(files, arguments.force);
   CompensatedJoints near;
   if (!arguments.near.empty()) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <numeric>
 #include <optional>
 
 #include "base/degree.hpp"
@@ -205,6 +206,34 @@ void add_circumstances(CLI::App& app, Circumstances& circumstances) {
                  "Payload on the flange, for a result with effects of it [the mean of the measurements]")
       ->type_name("KG")
       ->check(number_between(0.0, 1e5, "a number from 0 to 100000"));
+}
+
+Calibration at_circumstances(const Calibration& found, const Circumstances& circumstances) {
+  Calibration there = found.at(circumstances);
+  const CalibrationParts& parts = found.parts();
+  const JointRanges& ranges = parts.region.joints;
+  if (ranges.empty() || parts.covariance.rows() != parts.free.size() ||
+      (std::isnan(circumstances.temperature) && std::isnan(circumstances.payload))) {
+    return there;
+  }
+  Eigen::VectorXd middle(static_cast<Eigen::Index>(ranges.size()));
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    middle[static_cast<Eigen::Index>(i)] = std::midpoint(ranges[i].first, ranges[i].second);
+  }
+  const auto is_outside = [&](const CalibratedArm& arm) {
+    const std::vector<std::string> targets = arm.targets();
+    return std::any_of(targets.begin(), targets.end(),
+                       [&](const std::string& target) { return arm.predict(middle, target).outside; });
+  };
+  if (!is_outside(found.arm()) && is_outside(there.arm())) {
+    std::string stated =
+        std::isnan(circumstances.temperature) ? "" : fmt::format("{:g} degC", circumstances.temperature);
+    if (!std::isnan(circumstances.payload)) {
+      stated += fmt::format("{}{:g} kg", stated.empty() ? "" : " and ", circumstances.payload);
+    }
+    warn(stated + " is far from what was measured: the calibration may be wrong there");
+  }
+  return there;
 }
 
 std::vector<EffectGroup> effect_groups(const std::vector<std::string>& words, const std::vector<std::string>& others) {

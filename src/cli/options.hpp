@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "kdl_calibration/calibration.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -40,6 +41,9 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);
 /// --temperature and --payload: at which the calibrated arm is taken.
 void add_circumstances(CLI::App& app, Circumstances& circumstances);
+/// The calibration there. Warns if it is less certain there, in the middle of the measured joint values, than at any
+/// configuration that was left out.
+Calibration at_circumstances(const Calibration& found, const Circumstances& circumstances);
 /// --report
 CLI::Option* add_report_file(CLI::App& app, std::string& report);
 /// --json

@@ -183,8 +183,11 @@ bool is_index(const std::string& key) { return parsed_number(key).has_value(); }
 bool is_number_alone(const std::string& text, const std::vector<std::string>& path) {
   const std::vector<std::string> all = names_in_paths();
   std::string last;
+  std::string before;
   for (const std::string& key : path) {
-    if (is_index(key)) {
+    const bool is_entry = is_index(key) || before == "parameters";  // which have names of their own
+    before = key;
+    if (is_entry) {
       continue;
     }
     if (std::find(all.begin(), all.end(), key) == all.end()) {
@@ -231,6 +234,14 @@ const Json* entry_of(const Json& json, const std::string& key) {
   }
   if (key == "left_out") {  // as the table calls it
     return entry_of(json, "leave_one_out");
+  }
+  if (json.is_array()) {  // "parameters.dq2.error"
+    const auto named = std::find_if(json.begin(), json.end(), [&](const Json& entry) {
+      return entry.is_object() && entry.contains("name") && entry["name"] == key;
+    });
+    if (named != json.end()) {
+      return &*named;
+    }
   }
   const std::optional<double> index = json.is_array() ? parsed_number(key) : std::nullopt;
   return index && *index >= 0.0 && *index < static_cast<double>(json.size()) ? &json[static_cast<std::size_t>(*index)]

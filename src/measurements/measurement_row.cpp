@@ -166,7 +166,7 @@ Reading Row::coordinates_by_axis() const {
   }
   switch (static_cast<int>(is_measured.sum())) {
     case 0:
-      fail_cell(header_.position[0], "is empty: expected a number");
+      fail_cell(header_.position[0], "is empty: expected a number, or no row for what was not measured");
     case 1:
       return Coordinates{.position = z, .normal = is_measured, .count = 1};
     case 2:

@@ -62,6 +62,7 @@ public:
     for (std::size_t i = 0; i < left_.size(); ++i) {
       add_remark(program.remarks, kLeftBecause[i], std::move(left_[i]));
     }
+    add_remark(program.remarks, "a motion is to a position that /POS does not have", std::move(missing_));
   }
 
 private:
@@ -88,6 +89,9 @@ private:
   std::optional<std::size_t> place_of(const LsMotion& motion) {
     const auto found = motion.position ? found_.find(*motion.position) : found_.end();
     if (found == found_.end()) {
+      if (motion.position) {
+        missing_.push_back(motion.motion.line);
+      }
       return std::nullopt;
     }
     if (found->second.is_untaught) {
@@ -187,6 +191,7 @@ private:
   std::unordered_map<int, Found> found_;  // by number
   std::unordered_set<int> increments_;
   std::array<std::vector<std::size_t>, kLeftBecause.size()> left_;  // lines
+  std::vector<std::size_t> missing_;                                // lines of motions
 };
 
 ReadPosition PositionReader::position() {

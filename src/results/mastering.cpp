@@ -1,10 +1,12 @@
 #include "results/mastering.hpp"
 
+#include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
+#include "base/degree.hpp"
 #include "base/json_tree.hpp"
 #include "base/random.hpp"
 #include "base/sha256.hpp"
@@ -260,6 +262,33 @@ void turn_covariance(Json& result, const Eigen::MatrixXd& covariance, const std:
   }
 }
 
+// Entries that neither what was found of all joints nor of these alone asks for, by the sign or the size.
+std::vector<std::string> doubtful_entries(const Json& result, const std::vector<EnteredOffset>& entered) {
+  std::vector<std::string> warnings;
+  if (!result.contains("joint_offsets")) {
+    return warnings;
+  }
+  for (const Json& joint : result["joint_offsets"]["joints"]) {
+    for (const EnteredOffset& offset : entered) {
+      const auto moves_away = [&](const char* key) {
+        const double asked = joint.contains(key) && joint[key].is_number() ? joint[key].get<double>() : 0.0;
+        return std::abs(asked - offset.added) > std::abs(asked);
+      };
+      if (joint["joint"] != offset.joint || !joint.contains("add") || !joint["add"].is_number() ||
+          joint["add"].get<double>() == 0.0 || !moves_away("add") || !moves_away("add_if_only_these")) {
+        continue;
+      }
+      const double unit = offset.is_length ? 1e-3 : kDegree;
+      const char* name = offset.is_length ? "mm" : "deg";
+      warnings.push_back(
+          fmt::format("{}: {:.4g} {} were entered where the result says to add {:.4g} {}: its zero is "
+                      "further off than before; is the sign or the unit another one?",
+                      offset.joint, offset.added / unit, name, joint["add"].get<double>() / unit, name));
+    }
+  }
+  return warnings;
+}
+
 void move_joint_offsets(Json& result, const std::vector<EnteredOffset>& entered) {
   if (!result.contains("joint_offsets")) {
     return;
@@ -354,12 +383,14 @@ MasteredResult mastered_result(std::string_view result, const std::string& sourc
   move_offsets(json["parameters"], before.model, shifts, true);
   const std::vector<Turn> turns = move_effects(json, before.model.effects, shifts);
   turn_covariance(json, before.covariance, turns);
+  std::vector<std::string> warnings = doubtful_entries(json, entered);
   move_joint_offsets(json, entered);
   move_region(json, shifts);
   update_exported_urdf(json, robot, before, shifts);
   json["mastering_entered"] = entry_json(result, json, convention, entered);
   json["hashes"] = tree::hashes(json);
-  MasteredResult mastered{.json = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"};
+  MasteredResult mastered{.json = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n",
+                          .warnings = std::move(warnings)};
   mastered.moved = moved_by_entry(before, parse_calibration(mastered.json, robot, source), shifts);
   return mastered;
 }

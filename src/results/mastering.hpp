@@ -21,7 +21,8 @@ struct EnteredOffset {
 
 /// A result of calibrate, turned into that of the robot after the entry.
 struct MasteredResult {
-  std::string json;    ///< with `mastering_entered`: the hash of the earlier text and what was entered
+  std::string json;  ///< with `mastering_entered`: the hash of the earlier text and what was entered
+  std::vector<std::string> warnings = {};  ///< of entries that put a zero further off than it was
   double moved = 0.0;  ///< [m] RMS by which predictions of the same arm differ: loads are taken at the new joint values
 };
 

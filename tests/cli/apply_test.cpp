@@ -1,5 +1,6 @@
 // A result after its joint zero offsets were entered on the controller.
 
+#include <algorithm>
 #include <cmath>
 #include <iomanip>
 #include <sstream>
@@ -80,6 +81,33 @@ TEST_F(Apply, PredictsWhatIsMeasuredAfterTheEntryAsWellAsBefore) {
   EXPECT_EQ(result["mastering_entered"]["sha256_of_earlier_result"], sha256(text_of("r.json")));
   const Outcome urdf = run(words_of("validate --urdf a.urdf --measurements later.csv --json"));
   EXPECT_NEAR(Json::parse(urdf.out)["position_error"]["all"]["rms"].get<double>(), before["rms"].get<double>(), 1e-6);
+}
+
+TEST_F(Apply, WarnsOfAnEntryThatPutsAZeroFurtherOff) {
+  const std::string convention = " --joint-convention " + std::string(URDF_DIR) + "/fanuc_r2000ic_165f_pendant.json";
+  succeed(
+      words_of("simulate --configurations 25 --noise 3e-5 --seed 3 --length-sigma 0.001 --angle-sigma 0.001 "
+               "--output p.csv" +
+               convention));
+  succeed(words_of("calibrate --measurements p.csv --effects none --prior none --result p.json" + convention));
+  double asked = 0.0;
+  const Json result = json_of("p.json");
+  for (const Json& joint : result["joint_offsets"]["joints"]) {
+    asked = joint["joint"] == "J3" ? joint["add"].get<double>() : asked;
+  }
+  ASSERT_GT(std::abs(asked), 1e-5);
+  const auto entered = [&](double value) {
+    std::ostringstream text;
+    text << "joint;added;unit\nJ3;" << std::setprecision(17) << value << ";rad\n";
+    std::string csv = text.str();
+    std::replace(csv.begin(), csv.end(), '.', ',');
+    write("entered.csv", csv);
+    return run(words_of("apply --result p.json --mastering-entered entered.csv --output a.json --force" + convention))
+        .err;
+  };
+  EXPECT_THAT(entered(asked), ::testing::Not(HasSubstr("J3")));
+  EXPECT_THAT(entered(-asked), HasSubstr("its zero is further off than before"));
+  EXPECT_THAT(entered(0.3), HasSubstr("J3: 17.19 deg were entered where the result says to add"));
 }
 
 TEST_F(Apply, RefusesWhatWouldMixTheRobotBeforeAndAfterTheEntry) {

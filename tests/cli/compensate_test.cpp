@@ -353,6 +353,21 @@ TEST_F(Compensate, WarnsOfPointsBeyondTheMeasuredJointValues) {
                                      "configuration 'b'"));
 }
 
+TEST_F(Compensate, WarnsOfATemperatureFarFromTheMeasured) {
+  succeed(
+      words_of("simulate --configurations 40 --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --effects drift "
+               "--output t.csv"));
+  succeed(words_of("calibrate --measurements t.csv --effects drift --result t.json"));
+  const double mean = json_of("t.json")["effects"]["circumstances"]["temperature"].get<double>();
+  const auto said = [&](double temperature) {
+    return run(words_of("compensate --result t.json --joints p.csv --output o.csv --force --temperature " +
+                        shortest(temperature)))
+        .err;
+  };
+  EXPECT_THAT(said(mean + 1.0), ::testing::Not(HasSubstr("degC")));
+  EXPECT_THAT(said(600.0), HasSubstr("600 degC is far from what was measured: the calibration may be wrong there"));
+}
+
 TEST_F(Compensate, RefusesPosesThatDependOnWhatIsNotDetermined) {
   succeed(
       words_of("simulate --joint-ranges -90:90,-60:50,-60:60,40:40,-90:90,-180:180 --noise 1e-5 --length-sigma 0.001 "

@@ -95,7 +95,7 @@ TEST(Requirements, KeepTheirLimitsByAGuardBand) {
     "new_point": {"configurations": 8, "compensated": 0.0012},
     "predicted_accuracy": {"budget": {"of_assumptions": 0.00005, "coverage_factor": 2, "degrees_of_freedom": 50,
                                       "total": 0.001}},
-    "parameters": [{"error": 0.002, "std": 0.0001}]})");
+    "parameters": [{"name": "dq2", "error": 0.002, "std": 0.0001}, {"name": "A.x", "error": 1.0, "std": 0.1}]})");
   const auto met = [&](const std::string& text, double guard = 2.0) {
     return cli::outcomes_of({cli::parse_requirement(text)}, json, guard).at(0).is_met;
   };
@@ -115,6 +115,8 @@ TEST(Requirements, KeepTheirLimitsByAGuardBand) {
            {"predicted_accuracy.budget.total<=1.19mm", false},
            {"parameters.0.error<=2.21mm", true},
            {"parameters.0.error<=2.19mm", false},
+           {"parameters.dq2.error<=2.21mrad", true},
+           {"parameters.dq2.error<=2.19mrad", false},
            {"rank>=5", true}}) {
     EXPECT_EQ(met(text), is_met) << text;
   }

@@ -490,6 +490,8 @@ TEST(LsProgram, LeavesPositionsThatSayNothingOfTheArm) {
   const std::string lines = "   1:J P[1] 100% FINE    ;\n   2:C P[1]\n    :  P[7] 9mm/sec FINE    ;\n";
   EXPECT_REFUSED("IN.LS:8: moves to P[7], which is not taught (********), expected a taught position",
                  compensated(found, program(good + untaught, lines)));
+  EXPECT_THAT(compensated(found, program(good, lines)).warnings,
+              ::testing::Contains(StartsWith("IN.LS:8: a motion is to a position that /POS does not have")));
 }
 
 TEST(LsProgram, ReadsConfigurationsInGerman) {
