@@ -41,8 +41,6 @@ namespace {
 
 using Eigen::Index;
 
-constexpr int kConfigurations = 30;
-constexpr int kAfter = 8;
 constexpr int kMostForAccuracy = 500;
 
 // Targets from a file, else from the result, else registered to the measured file on the nominal robot.
@@ -57,17 +55,6 @@ FacingTargets targets(const PlanArguments& arguments, const ErrorModel& model, c
     return {.targets = nominal_start(model, *request.measured).frames.targets, .facing = {}};
   }
   return {.targets = published_targets(arguments.targets), .facing = {}};
-}
-
-std::vector<std::string> suspects(const PlanArguments& arguments, const Robot& robot) {
-  const std::vector<std::string> joints = joint_names(robot);
-  for (const std::string& joint : arguments.suspects) {
-    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
-      throw InputError("--suspect: " + robot.source + " has no joint " + shown(joint) + ", expected some of " +
-                       comma_separated(joints));
-    }
-  }
-  return arguments.suspects;
 }
 
 Eigen::VectorXd home(const PlanArguments& arguments, const PlanSetting& setting) {
@@ -130,7 +117,7 @@ PlanSetting setting(const PlanArguments& arguments) {
   }
   if (!arguments.after.empty()) {
     request.calibrated = read_result(arguments.after, request.robot);
-    request.suspects = suspects(arguments, request.robot);
+    request.suspects = arguments.suspects;
   }
   const FacingTargets facing = targets(arguments, model, request);
   request.targets = facing.targets;
@@ -142,7 +129,9 @@ PlanSetting setting(const PlanArguments& arguments) {
   request.noise = noise(arguments, request.cell);
   request.priors = arguments.priors;
   request.effects = effect_groups(arguments.effects, {"none"});
-  const int usual = arguments.accuracy_mm ? kMostForAccuracy : !arguments.after.empty() ? kAfter : kConfigurations;
+  const int usual = arguments.accuracy_mm      ? kMostForAccuracy
+                    : !arguments.after.empty() ? kConfigurationsAfter
+                                               : kConfigurationsToPlan;
   request.count = arguments.add.value_or(arguments.configurations.value_or(usual));
   if (arguments.accuracy_mm) {
     request.accuracy = *arguments.accuracy_mm * 1e-3;
@@ -233,18 +222,6 @@ std::string sheet_csv(const PlanArguments& arguments, const PlanSetting& set, co
   return arguments.decimal_comma ? with_decimal_commas(csv) : csv;
 }
 
-// The new base takes up the zero of the first joint, and the new targets that of the last.
-void warn_of_unseen_zeros(const PlanArguments& arguments, const Experiment& experiment) {
-  for (const ErrorParameter& parameter : experiment.model.parameters) {
-    const bool is_named =
-        std::find(arguments.suspects.begin(), arguments.suspects.end(), parameter.joint) != arguments.suspects.end();
-    if (is_named && parameter.kind == ParameterKind::joint_offset && !experiment.free.column(parameter.name)) {
-      warn("--suspect: a change of the zero of " + parameter.joint +
-           " cannot show, as base and targets are new; of its other errors the plan tells");
-    }
-  }
-}
-
 void warn_of_narrowed(const Robot& robot, const std::vector<NarrowedRange>& ranges) {
   for (const NarrowedRange& range : ranges) {
     const MovingJoint& joint = robot.joints[range.joint];
@@ -327,7 +304,9 @@ ExitStatus run(const PlanArguments& arguments) {
   set.request.trying = [&](double share) { trying(share); };
   Plan result = make_plan(set.request);
   warn_of_narrowed(set.request.robot, result.narrowed);
-  warn_of_unseen_zeros(arguments, result.experiment);
+  for (const std::string& warning : result.sheet.warnings) {
+    warn("--suspect: " + warning);
+  }
   add_cell_note(arguments, set, result.sheet);
   if (!arguments.after.empty()) {
     result.sheet.notes.push_back("Filled in, it is for kdlcal calibrate --prior-result " + arguments.after + ".");

@@ -28,6 +28,18 @@ std::string result_of(const Robot& robot, const Measurements& measurements, cons
   return result_json(robot, measurements, fit_of(robot, measurements, calibration));
 }
 
+// Functions of the caller's own, also of an earlier result that this one continues.
+std::vector<OwnEffect> own_effects(const ErrorModel& model) {
+  std::vector<OwnEffect> effects;
+  for (const EffectTerm& term : model.effects) {
+    const auto* const own = std::get_if<OwnFunction>(&term.function);
+    if (own != nullptr && (effects.empty() || effects.back().name != own->effect)) {
+      effects.push_back({.name = own->effect, .joint = term.joint, .axis = term.axis, .columns = own->columns});
+    }
+  }
+  return effects;
+}
+
 }  // namespace
 
 void write_result(const std::filesystem::path& file, const Robot& robot, const Measurements& measurements,
@@ -47,7 +59,7 @@ void write_report(const std::filesystem::path& file, const Robot& robot, const M
                                .known = settings.parameters.known,
                                .convention = settings.diagnosis.convention,
                                .plan_command = {},
-                               .own = settings.selection.effects.own}),
+                               .own = own_effects(calibration.parts().model)}),
              robot, measurements.source);
 }
 

@@ -74,6 +74,29 @@ void add_effects(const PlanRequest& request, const MatrixXd& candidates, Experim
   }
 }
 
+void require_suspects(const Robot& robot, const std::vector<std::string>& suspects) {
+  const std::vector<std::string> joints = joint_names(robot);
+  for (const std::string& suspect : suspects) {
+    if (std::find(joints.begin(), joints.end(), suspect) == joints.end()) {
+      throw OptionError("suspect", fmt::format("{} has no joint {}, expected some of {}", robot.source, shown(suspect),
+                                               comma_separated(joints)));
+    }
+  }
+}
+
+// The new base takes up the zero of the first joint, and the new targets that of the last.
+std::vector<std::string> unseen_zeros(const Experiment& experiment, const std::vector<std::string>& suspects) {
+  std::vector<std::string> warnings;
+  for (const ErrorParameter& parameter : experiment.model.parameters) {
+    const bool is_named = std::find(suspects.begin(), suspects.end(), parameter.joint) != suspects.end();
+    if (is_named && parameter.kind == ParameterKind::joint_offset && !experiment.free.column(parameter.name)) {
+      warnings.push_back("a change of the zero of " + parameter.joint +
+                         " cannot show, as base and targets are new; of its other errors the plan tells");
+    }
+  }
+  return warnings;
+}
+
 // Adds the variances of what may have changed to those of the errors with these names.
 void add_changes(const Experiment& experiment, const std::vector<std::string>& suspects,
                  const std::vector<std::string>& names, MatrixXd& covariance) {
@@ -246,6 +269,7 @@ Plan make_plan(const PlanRequest& request) {
     throw OptionError("effects", fmt::format("{} is of what is measured with the arm, expected groups of joint values",
                                              to_string(*found)));
   }
+  require_suspects(request.robot, request.suspects.value_or(std::vector<std::string>()));
   require_at_least("candidates", request.candidates, 1);
   require_at_least("configurations of the workspace", request.workspace, 0);
   if (request.measured) {
@@ -276,6 +300,7 @@ Plan make_plan(const PlanRequest& request) {
       request.home.size() > 0 ? request.home : Eigen::VectorXd::Zero(static_cast<Eigen::Index>(joints.size()));
   const MatrixXd chosen = among.candidates(Eigen::all, plan.selection.chosen);
   plan.sheet = sheet(request, chosen(Eigen::all, short_way(joints, home, chosen)));
+  plan.sheet.warnings = unseen_zeros(plan.experiment, request.suspects.value_or(std::vector<std::string>()));
   plan.seconds = way_time(joints, home, plan.sheet.joint_values);
 
   add_promises(request, among, plan);

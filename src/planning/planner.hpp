@@ -22,6 +22,10 @@ namespace kdl_calibration {
 /// [m] or [rad] 1 sigma of what a collision or a repair does to a geometric error.
 inline constexpr double kOrdinaryChange = 1e-3;
 
+/// Configurations of a plan unless their number is stated; after a calibration few tell what has changed.
+inline constexpr int kConfigurationsToPlan = 30;
+inline constexpr int kConfigurationsAfter = 8;
+
 /// The planning problem.
 struct PlanRequest {
   Robot robot;
@@ -38,8 +42,8 @@ struct PlanRequest {
   /// Effects to be identified: the terms found by `calibrated` with their covariance, else the terms that the
   /// candidates can tell apart, with a prior of usual size.
   std::vector<EffectGroup> effects;
-  int count = 30;                  ///< configurations to choose; with `accuracy` their maximum
-  std::optional<double> accuracy;  ///< [m] required predicted accuracy; the fewest configurations are chosen
+  int count = kConfigurationsToPlan;  ///< configurations to choose; with `accuracy` their maximum
+  std::optional<double> accuracy;     ///< [m] required predicted accuracy; the fewest configurations are chosen
   Figure accuracy_of = Figure::mean;
   Criterion criterion = Criterion::d_optimal;
   int starts = 8;
@@ -76,8 +80,8 @@ struct Plan {
 };
 
 /// Draws candidates within the cell, selects and orders configurations, and predicts their accuracy. Throws InputError
-/// as candidates(), nominal_experiment(), select_configurations() and select_for_accuracy() do, for torque effects, and
-/// for ripple unless an earlier calibration has found it.
+/// as candidates(), nominal_experiment(), select_configurations() and select_for_accuracy() do, for torque effects, for
+/// ripple unless an earlier calibration has found it, and for suspects that are no joints of the robot.
 Plan make_plan(const PlanRequest& request);
 
 /// Predicted accuracy with fewer configurations: the plan without its least useful ones, and random designs of equal

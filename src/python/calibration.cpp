@@ -60,8 +60,10 @@ FoundPointer calibrated(const std::shared_ptr<Robot>& robot, const std::shared_p
     options.progress = progress_hook<const std::string&, std::size_t, std::size_t>(stated.progress, interruption);
     return calibrate(*robot, *measurements, options);
   });
-  return std::make_shared<Found>(
-      Found{.calibration = std::move(calibration), .robot = robot, .measurements = measurements, .own = stated.own});
+  return std::make_shared<Found>(Found{.calibration = std::move(calibration),
+                                       .robot = robot,
+                                       .measurements = measurements,
+                                       .own = stated.earlier ? stated.earlier->own : stated.own});
 }
 
 std::string file_text(const std::filesystem::path& file) {
@@ -77,7 +79,7 @@ FoundPointer loaded(const std::filesystem::path& file, const std::shared_ptr<Rob
                                        .measurements = nullptr,
                                        .text = file_text(file),
                                        .file = std::filesystem::absolute(file).string(),
-                                       .own = own.attr("copy")()});
+                                       .own = copy_of_effects(own)});
 }
 
 void save(const Found& found, const std::filesystem::path& file) {
@@ -264,12 +266,14 @@ void bind_calibration(py::module_& module) {
       .def(
           "at",
           [](const FoundPointer& found, double temperature, double payload) {
+            const auto known = [](double stated, double before) { return std::isnan(stated) ? before : stated; };
             return std::make_shared<Found>(
                 Found{.calibration = found->calibration.at({.temperature = temperature, .payload = payload}),
                       .robot = found->robot,
                       .measurements = nullptr,
                       .own = found->own,
-                      .circumstances = {.temperature = temperature, .payload = payload},
+                      .circumstances = {.temperature = known(temperature, found->circumstances.temperature),
+                                        .payload = known(payload, found->circumstances.payload)},
                       .origin = found->origin ? found->origin : found});
           },
           "temperature"_a = Circumstances::kUnknown, "payload"_a = Circumstances::kUnknown,
@@ -278,6 +282,10 @@ void bind_calibration(py::module_& module) {
       .def_property_readonly("_origin",
                              [](const FoundPointer& found) {
                                return found->origin ? std::const_pointer_cast<Found>(found->origin) : found;
+                             })
+      .def_property_readonly("_circumstances",
+                             [](const Found& found) {
+                               return py::make_tuple(found.circumstances.temperature, found.circumstances.payload);
                              })
       .def_readonly("own", &Found::own, "The effects that are functions of the caller's own.")
       .def("save", &save, "file"_a, "Writes the result that `kdlcal calibrate --result` writes, and `load` reads.")

@@ -18,12 +18,16 @@ namespace {
 
 struct Compensating {
   Compensator compensator;
+  std::shared_ptr<Found> calibration;
+  py::dict options;  ///< as given
   std::size_t joints = 0;
 };
 
-Compensating compensating(const Found& found, const py::kwargs& keywords) {
-  return {.compensator = Compensator(found.calibration, compensation_options(keywords)),
-          .joints = found.robot->joints.size()};
+Compensating compensating(const std::shared_ptr<Found>& found, const py::kwargs& keywords) {
+  return {.compensator = Compensator(found->calibration, compensation_options(keywords)),
+          .calibration = found,
+          .options = keywords,
+          .joints = found->robot->joints.size()};
 }
 
 // Poses (N, 4, 4) or (4, 4), one for each row.
@@ -74,9 +78,11 @@ void bind_compensation(py::module_& module) {
   module.attr("Compensated") = type;
   py::class_<Compensating>(module, "Compensator",
                            "Joint values with which the calibrated arm reaches the pose of the nominal arm.")
-      .def(py::init(&compensating), "calibration"_a,
+      .def(py::init(&compensating), "calibration"_a.none(false),
            "Keywords are the members of the C++ CompensationOptions: most_change [rad or m], position_first, held.\n\n"
            "Raises InputError for a calibration that is not trusted, and over 32 joints.")
+      .def_readonly("calibration", &Compensating::calibration)
+      .def_readonly("_options", &Compensating::options)
       .def(
           "solve",
           [type](const Compensating& self, const py::object& q, int threads) {

@@ -157,8 +157,9 @@ py::array observations_of(const Measurements& measurements) {
 
 std::shared_ptr<Measurements> read_file(const Robot& robot, const std::filesystem::path& file,
                                         const JointConvention* convention, const std::string& orientation) {
-  return std::make_shared<Measurements>(read_measurements(
-      robot, file, convention, orientation.empty() ? OrientationReading::usual : orientation_reading(orientation)));
+  return std::make_shared<Measurements>(
+      read_measurements(robot, std::filesystem::absolute(file), convention,
+                        orientation.empty() ? OrientationReading::usual : orientation_reading(orientation)));
 }
 
 std::string measurements_text(const Measurements& measurements) {

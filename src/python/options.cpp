@@ -19,7 +19,7 @@ template <class T>
 const char* expected() {
   if constexpr (std::is_same_v<T, bool> || std::is_same_v<T, std::optional<bool>>) {
     return "True or False";
-  } else if constexpr (std::is_integral_v<T>) {
+  } else if constexpr (std::is_integral_v<T> || std::is_same_v<T, std::optional<int>>) {
     return "an integer";
   } else if constexpr (std::is_same_v<T, double> || std::is_same_v<T, std::optional<double>>) {
     return "a number";
@@ -31,6 +31,8 @@ const char* expected() {
     return "a JointConvention, or its file";
   } else if constexpr (std::is_same_v<T, std::vector<std::string>>) {
     return "a list of texts";
+  } else if constexpr (std::is_same_v<T, std::shared_ptr<const Found>>) {
+    return "a Calibration";
   } else {
     return "an object of the package";
   }
@@ -39,7 +41,12 @@ const char* expected() {
 // Reads a value from Python. `where` names the option in messages.
 template <class T>
 void take(const py::handle& given, T& into, const std::string& where) {
+  constexpr bool kIsBool = std::is_same_v<T, bool> || std::is_same_v<T, std::optional<bool>>;
   try {
+    if (kIsBool && !given.is_none() && !py::isinstance<py::bool_>(given) &&
+        !py::isinstance(given, py::module_::import("numpy").attr("bool_"))) {
+      throw py::cast_error();
+    }
     into = given.cast<T>();
   } catch (const py::cast_error&) {
     throw py::type_error(fmt::format("{}: {}, expected {}", where, std::string(py::repr(given)), expected<T>()));
@@ -228,7 +235,7 @@ OwnColumns columns_by(const py::handle& given, const std::string& where) {
 Members::Reader own_into(GivenCalibrationOptions& into) {
   return [&into](const py::handle& given, const std::string& where) {
     into.options.effects.own = own_effects(given, where);
-    into.own = given.attr("copy")();
+    into.own = copy_of_effects(py::reinterpret_borrow<py::dict>(given));
   };
 }
 
@@ -261,15 +268,47 @@ Members diagnosis_members(DiagnosisOptions& options) {
       .with("other_conventions", options.other_conventions);
 }
 
+// `kept` keeps it alive.
+Members::Reader calibration_into(std::shared_ptr<const Found>& kept, const Calibration*& into) {
+  return [&](const py::handle& given, const std::string& where) {
+    take(given, kept, where);
+    into = kept ? &kept->calibration : nullptr;
+  };
+}
+
 Members prior_members(GivenCalibrationOptions& into) {
   PriorOptions& priors = into.options.priors;
   return Members()
       .by("stated", structure(Members().with("length", priors.stated.length).with("angle", priors.stated.angle)))
       .with("automatic", priors.automatic)
-      .by("earlier", [&into](const py::handle& given, const std::string& where) {
-        take(given, into.earlier, where);
-        into.options.priors.earlier = into.earlier ? &into.earlier->calibration : nullptr;
-      });
+      .by("earlier", calibration_into(into.earlier, priors.earlier));
+}
+
+// A dict of poses (4, 4) by their names.
+Members::Reader poses_into(std::map<std::string, Eigen::Isometry3d>& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    if (!py::isinstance<py::dict>(given)) {
+      throw py::type_error(where + ": " + std::string(py::repr(given)) + ", expected a dict of names and poses (4, 4)");
+    }
+    for (const auto& [name, frame] : py::reinterpret_borrow<py::dict>(given)) {
+      const std::string key = py::str(name);
+      into[key] = pose(frame, where + "." + key);
+    }
+  };
+}
+
+// Their file, or a dict.
+Members::Reader program_frames_into(GivenProgram& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    if (py::isinstance<py::dict>(given)) {
+      Members()
+          .by("user_frames", poses_into(into.frames.user))
+          .by("tool_frames", poses_into(into.frames.tool))
+          .read(given, where);
+    } else {
+      take(given, into.frames_file, where);
+    }
+  };
 }
 
 Members compensation_members(CompensationOptions& options) {
@@ -326,6 +365,14 @@ std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& w
     effects.push_back(std::move(effect));
   }
   return effects;
+}
+
+py::dict copy_of_effects(const py::dict& own) {
+  py::dict copy;
+  for (const auto& [name, effect] : own) {
+    copy[name] = effect.attr("copy")();
+  }
+  return copy;
 }
 
 GivenCalibrationOptions calibration_options(const py::dict& keywords) {
@@ -387,6 +434,8 @@ GivenPlanOptions plan_options(const py::dict& keywords) {
       .with("least_height", options.least_height)
       .with("least_radius", options.least_radius)
       .with("seed", options.seed)
+      .by("after", calibration_into(result.after, options.after))
+      .with("suspect", options.suspect)
       .with("progress", result.progress)
       .read(keywords, "");
   return result;
@@ -419,7 +468,7 @@ GivenProgram program_options(const py::dict& keywords) {
   compensation_members(given.options)
       .with("controller", given.controller)
       .with("joint_convention", given.joint_convention)
-      .with("frames", given.frames)
+      .by("frames", program_frames_into(given))
       .by("external_axes",
           [&](const py::handle& axes, const std::string& where) {
             if (!py::isinstance<py::dict>(axes)) {

@@ -34,7 +34,8 @@ struct GivenCalibrationOptions {
 GivenCalibrationOptions calibration_options(const py::dict& keywords);
 
 struct GivenPlanOptions {
-  PlanOptions options;  ///< without `progress`
+  PlanOptions options;                 ///< without `progress`
+  std::shared_ptr<const Found> after;  ///< keeps options.after alive
   py::object progress = py::none();
 };
 GivenPlanOptions plan_options(const py::dict& keywords);
@@ -47,7 +48,8 @@ struct GivenProgram {
   CompensationOptions options;
   std::optional<std::filesystem::path> controller;
   std::optional<std::variant<std::filesystem::path, JointConvention>> joint_convention;
-  std::optional<std::filesystem::path> frames;
+  std::optional<std::filesystem::path> frames_file;
+  ProgramFrames frames;  ///< without a file
   py::dict external_axes;
   py::object near = py::none();  ///< (n,)
   double line_tolerance = kLineTolerance;
@@ -63,6 +65,8 @@ GivenValidation validation_options(const py::dict& keywords);
 
 /// A dict of names and {'joint': name, 'axis': 'own', 'x', 'y' or 'along', 'function': (N, n) -> (N,) or (N, K)}.
 std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& where);
+/// A copy of that dict that nothing outside changes.
+py::dict copy_of_effects(const py::dict& own);
 
 /// A dict of names and positions (3,), or poses (4, 4) of targets with orientation.
 std::vector<TargetFrame> target_frames(const py::handle& given, const std::string& where);

@@ -49,6 +49,8 @@ void bind_planning(py::module_& module) {
       .def_property_readonly(
           "predicted_mean", [](const Planned& p) { return p.plan.predicted_mean; },
           "[m] 3D 1 sigma of a predicted target, mean over the workspace.")
+      .def_property_readonly(
+          "warnings", [](const Planned& p) { return p.plan.warnings; }, "What measurements of it cannot tell.")
       .def_property_readonly("predicted_max", [](const Planned& p) { return p.plan.predicted_max; })
       .def(
           "csv",
@@ -59,7 +61,9 @@ void bind_planning(py::module_& module) {
   module.def("plan", &planned, "robot"_a.none(false),
              "The D-optimal choice of configurations. Keywords are the members of the C++ PlanOptions: count, targets\n"
              "(a dict of names and positions (3,) on the flange [m]), ranges (n, 2), noise [m], least_height [m],\n"
-             "least_radius [m], seed; progress: called with the completed share.\n\n"
+             "least_radius [m], seed; progress: called with the completed share. after: a calibration since which the\n"
+             "robot may have changed, at joints of the list suspect or anywhere; the new measurements are then for\n"
+             "calibrate with priors={'earlier': after}.\n\n"
              "Raises InputError for too few configurations and ranges of other joints. Ctrl-C stops it.");
   module.def("simulate", &simulated, "robot"_a,
              "A virtual robot with known errors. Returns (Measurements, Arm): the measured points and the truth.\n"

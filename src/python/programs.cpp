@@ -61,9 +61,7 @@ Controller controller_of(const GivenProgram& given, const Robot& robot, const Pr
     axes.emplace_back(py::str(axis), py::str(joint));
   }
   controller.external_axes = external_axes(axes, robot, "external_axes");
-  if (given.frames) {
-    controller.frames = read_program_frames(*given.frames, language);
-  }
+  controller.frames = given.frames_file ? read_program_frames(*given.frames_file, language) : given.frames;
   return controller;
 }
 
@@ -104,8 +102,8 @@ std::vector<NamedFile> inputs_of(const ProgramFiles& program, const GivenProgram
   if (given.controller) {
     add("controller", *given.controller);
   }
-  if (given.frames) {
-    add("frames", *given.frames);
+  if (given.frames_file) {
+    add("frames", *given.frames_file);
   }
   if (given.joint_convention && std::holds_alternative<std::filesystem::path>(*given.joint_convention)) {
     add("joint_convention", std::get<std::filesystem::path>(*given.joint_convention));
@@ -286,7 +284,8 @@ void bind_programs(py::module_& module) {
       "A program of a controller (FANUC LS, ABB RAPID, KUKA KRL, URScript) with other numbers, as `kdlcal\n"
       "compensate --program` writes it. program: its file. Keywords: those of Compensator, and\n"
       "controller: the file that describes it. joint_convention: instead of the controller's, or its file.\n"
-      "frames: a file. external_axes: joints of the URDF, {'E1': 'rail', 'E2': '-turntable'}.\n"
+      "frames: a file, or {'user_frames': {'1': X (4, 4)}, 'tool_frames': ...}. external_axes: joints of the URDF, "
+      "{'E1': 'rail', 'E2': '-turntable'}.\n"
       "near: (n,) joint values from which it starts. line_tolerance: [m].\n\n"
       "Raises InputError for a calibration that is not trusted, an unknown language, and a point that cannot be read.");
 }

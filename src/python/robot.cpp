@@ -94,7 +94,7 @@ void bind_robot(py::module_& module) {
   module.def(
       "load_robot",
       [](const std::filesystem::path& file, std::string base, std::string tip) {
-        return shared(load_robot(file, {.base = std::move(base), .tip = std::move(tip)}));
+        return shared(load_robot(std::filesystem::absolute(file), {.base = std::move(base), .tip = std::move(tip)}));
       },
       "file"_a, "base"_a = "", "tip"_a = "",
       "Reads a URDF. base, tip: links; without them the root link, and the only leaf, else tool0, else flange.\n\n"
@@ -108,7 +108,7 @@ void bind_robot(py::module_& module) {
   module.def(
       "load_dh_robot",
       [](const std::filesystem::path& file, std::string base, std::string tip) {
-        return shared(load_dh_robot(file, {.base = std::move(base), .tip = std::move(tip)}));
+        return shared(load_dh_robot(std::filesystem::absolute(file), {.base = std::move(base), .tip = std::move(tip)}));
       },
       "file"_a, "base"_a = "", "tip"_a = "",
       "Reads a table of Denavit-Hartenberg parameters, CSV or JSON. Raises InputError for a bad table.");

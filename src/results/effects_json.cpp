@@ -171,15 +171,20 @@ JointCoupling read_coupling(const Node& node, int joints) {
   return coupling;
 }
 
-// Throws InputError where the given function has not the values that the result states.
-void require_same_values(const Node& function, const OwnFunction& own, const EffectTerm& term, Eigen::Index joints) {
+// The values of the given function where the result states them. Throws InputError where they are others.
+OwnValues require_same_values(const Node& function, const OwnFunction& own, const EffectTerm& term,
+                              Eigen::Index joints) {
   constexpr double kSame = 1e-6;
   const auto refuse = [&](const Node& place, const std::string& is, const std::string& was) {
     throw InputError(fmt::format("{}: the given function '{}' {}, expected {} as when it was fitted", place.where,
                                  own.effect, is, was));
   };
   const int columns = whole_number(member(function, "columns"), 1, 1000);
-  for (const Node& check : elements(member(function, "checks"))) {
+  const std::vector<Node> checks = elements(member(function, "checks"));
+  const auto count = static_cast<Eigen::Index>(checks.size());
+  OwnValues fitted{.joint_values = Eigen::MatrixXd(joints, count), .columns = Eigen::MatrixXd(count, columns)};
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const Node& check = checks[static_cast<std::size_t>(i)];
     const Node stated = member(check, "joint_values");
     Eigen::MatrixXd joint_values(joints, 1);
     const std::vector<Node> each = elements(stated);
@@ -195,7 +200,10 @@ void require_same_values(const Node& function, const OwnFunction& own, const Eff
     if (!(std::abs(given(0, own.column) - expected) <= kSame * std::max(term.scale, std::abs(expected)))) {
       refuse(check, "is " + shortest(given(0, own.column)) + " there", shortest(expected));
     }
+    fitted.joint_values.col(i) = joint_values;
+    fitted.columns.row(i) = given;
   }
+  return fitted;
 }
 
 OwnFunction read_own(const Node& node, const EffectTerm& term, std::span<const OwnEffect> own, Eigen::Index joints) {
@@ -213,7 +221,7 @@ OwnFunction read_own(const Node& node, const EffectTerm& term, std::span<const O
   OwnFunction function{
       .effect = name, .columns = found->columns, .column = whole_number(member(node, "column"), 0, 1000)};
   if (has(node, "checks")) {
-    require_same_values(node, function, term, joints);
+    function.fitted = std::make_shared<const OwnValues>(require_same_values(node, function, term, joints));
   }
   return function;
 }

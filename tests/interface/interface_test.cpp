@@ -242,6 +242,17 @@ TEST(Interface, PlansWithinTheLimitsThatAreAsked) {
   EXPECT_THAT(plan_csv(plan, fanuc().joints), HasSubstr("joint_1[deg]"));
 }
 
+// Base and targets are new: the zeros of the first and the last joint cannot show.
+TEST(Interface, PlansFewConfigurationsAfterACalibration) {
+  const MeasuringPlan plan = plan_measurements(fanuc(), {.after = &found(), .suspect = {"joint_2", "joint_6"}});
+  EXPECT_EQ(plan.joint_values.cols(), 8);
+  EXPECT_EQ(plan.targets, found().arm().targets());
+  ASSERT_EQ(plan.warnings.size(), 1U);
+  EXPECT_THAT(plan.warnings[0], HasSubstr("zero of joint_6 cannot show"));
+  EXPECT_LT(plan.predicted_mean, plan_measurements(fanuc(), {.noise = 3e-4, .after = &found()}).predicted_mean);
+  EXPECT_TRUE(plan_measurements(fanuc(), {.count = 12, .after = &found()}).warnings.empty());
+}
+
 // ---- Files ---------------------------------------------------------------------------------------------------------
 
 TEST_F(InterfaceFiles, ResultReadBackPredictsTheSame) {
@@ -597,6 +608,10 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"calibrate, twin effects", [&] { calibrate(fanuc(), data, twice); }, "a is given twice"},
       {"calibrate, own group", [&] { calibrate(fanuc(), data, {.effects = {.groups = {EffectGroup::own}}}); },
        "group of effects"},
+      {"plan, other robot", [&] { plan_measurements(other, {.after = &c}); }, "was not made with"},
+      {"plan, suspect", [&] { plan_measurements(fanuc(), {.after = &c, .suspect = {"joint_9"}}); },
+       "has no joint 'joint_9', expected some of joint_1, joint_2"},
+      {"plan, suspect alone", [&] { plan_measurements(fanuc(), {.suspect = {"joint_3"}}); }, "nothing is known"},
       {"plan, height", [] { plan_measurements(fanuc(), {.least_height = 100.0}); }, "height"},
   };
   for (const Case& each : cases) {

@@ -293,3 +293,53 @@ def test_a_label_that_is_missing():
 def test_a_repeat_is_given_once():
     with pytest.raises(kc.InputError, match=r"repeats\[2\]: 1, as in row 0 of this configuration and target"):
         kc.from_arrays(np.zeros((3, 2)), np.ones((3, 3)), repeats=[1, 2, 1])
+
+
+def test_minus_zero_is_zero():
+    q = np.zeros((2, 6))
+    q[1, 0] = -0.0
+    assert kc.from_arrays(q, np.ones((2, 3))).configurations == ["1"]
+
+
+def test_a_number_that_is_missing_is_no_label():
+    with pytest.raises(kc.InputError, match=r"targets\[1\]: nan, expected a label"):
+        kc.from_arrays(np.eye(2), np.ones((2, 3)), targets=np.array([1.0, np.nan]))
+
+
+def test_the_same_repeat_at_two_stations():
+    m = kc.from_arrays(np.zeros((2, 2)), np.ones((2, 3)), stations=["V", "W"], repeats=[1, 1])
+    assert list(m.observations["station"]) == ["V", "W"]
+
+
+def quaternions_of(poses):
+    w = np.sqrt(np.maximum(0.0, 1.0 + np.trace(poses[:, :3, :3], axis1=1, axis2=2))) / 2.0
+    differences = [poses[:, 2, 1] - poses[:, 1, 2], poses[:, 0, 2] - poses[:, 2, 0], poses[:, 1, 0] - poses[:, 0, 1]]
+    return np.column_stack([w, *(d / (4.0 * w) for d in differences)])
+
+
+def test_quaternions_are_normalised(robot, found, random):
+    """Within the tolerance of their norm."""
+    q = random.uniform(-1.0, 1.0, (40, 6))
+    poses = found.flange_poses(q)
+    exact = quaternions_of(poses)
+    for orientations in (exact, exact * 1.0009):
+        m = kc.from_arrays(q, poses[:, :3, 3] + random.normal(0.0, 1e-4, (40, 3)), orientations=orientations)
+        fit = kc.calibrate(robot, m, effects={"automatic": False}, diagnosis={"try_readings": False})
+        assert abs(fit.residuals["rotation"]).max() < 1e-6
+
+
+def test_orientations_of_four_targets(robot):
+    """(N, 4) is a quaternion for each row of points, however many targets there are."""
+    q, points = np.arange(30.0).reshape(5, 6), np.ones((5, 4, 3))
+    turned = np.tile([0.6, 0.8, 0.0, 0.0], (5, 1))
+    by_row = kc.from_arrays(q, points, orientations=turned, joint_names=robot.joints)
+    by_target = kc.from_arrays(q, points, orientations=np.repeat(turned[:, None], 4, axis=1), joint_names=robot.joints)
+    assert by_row.csv() == by_target.csv() and "0.6" in by_row.csv()
+
+
+def test_masked_values_are_refused():
+    points = np.ma.masked_array(np.ones((2, 3)), mask=[[False] * 3, [True] * 3])
+    with pytest.raises(kc.InputError, match="points: masked values, expected NaN or no row"):
+        kc.from_arrays(np.eye(2), points)
+    with pytest.raises(TypeError, match=r"joint_names: \[0, 1\], expected texts"):
+        kc.from_arrays(np.eye(2), np.ones((2, 3)), joint_names=range(2))

@@ -2,12 +2,13 @@
 
 import pickle
 import re
+import subprocess
 
 import numpy as np
 import pytest
 
 import kdl_calibration as kc
-from conftest import rows_of
+from conftest import KDLCAL, URDF_DIR, rows_of
 
 PLAIN = {"priors": {"automatic": False}, "effects": {"automatic": False}}
 
@@ -105,6 +106,10 @@ def test_options(robot, measurements):
         ({"parameters": {"fixed": []}}, TypeError, "unknown option parameters.fixed, expected one of parameters.model"),
         ({"parameters": ["Tx1"]}, TypeError, "parameters: .*expected a dict"),
         ({"validation": {"k_fold": "ten"}}, TypeError, "validation.k_fold: 'ten', expected an integer"),
+        ({"validation": {"k_fold": -3}}, kc.InputError, "validation.k_fold: cannot be -3, expected at least 2 folds"),
+        ({"validation": {"k_fold": 1}}, kc.InputError, "validation.k_fold: cannot be 1"),
+        ({"estimator": {"iterations": -1}}, kc.InputError, "iterations: from 0 to"),
+        ({"validation": {"held_out": 2.0}}, TypeError, "validation.held_out: 2.0, expected True or False"),
         ({"parameters": {"fix": 3}}, TypeError, "parameters.fix: 3, expected a list of texts"),
         ({"estimator": {"loss": "cauchy"}}, ValueError, "estimator.loss: 'cauchy', expected one of 'none', 'huber'"),
         ({"noise": {"stated": {"independent": [1.0, 2.0]}}}, kc.InputError, "independent: an array of shape"),
@@ -174,6 +179,12 @@ def test_compensation_of_bad_poses(found):
         compensator.solve_poses([np.eye(4), np.ones((4, 4))], np.zeros((2, 6)))
     with pytest.raises(kc.InputError, match="a pose for each row of seed"):
         compensator.solve_poses(np.eye(4), np.zeros((2, 6)))
+    with pytest.raises(kc.InputError, match=r"X_BF: an array of shape \(3, 4, 4\), expected \(2, 4, 4\)"):
+        compensator.solve_poses([np.eye(4)] * 3, np.zeros((2, 6)))
+    nowhere = np.eye(4)
+    nowhere[0, 3] = np.nan
+    with pytest.raises(kc.InputError, match="X_BF: a matrix that is no rotation and translation"):
+        compensator.solve_poses(nowhere, np.zeros(6))
 
 
 def test_validation_and_comparison(found, robot, measurements):
@@ -196,6 +207,94 @@ def test_plan(robot):
     assert plan.csv().count("\n") > 60
     with pytest.raises(kc.InputError, match="configurations"):
         kc.plan(robot, count=2)
+
+
+def test_plan_after_a_repair(robot):
+    """Eight configurations find the new zero of joint 5; the truth's points are those of that joint moved."""
+    m, truth = kc.simulate(robot, configurations=40, noise=2e-5, length_error=1e-3, angle_error=1e-3, seed=3)
+    before = kc.calibrate(robot, m, **PLAIN)
+    plan = kc.plan(robot, after=before, suspect=["joint_5"])
+    assert plan.joint_values.shape == (8, 6) and plan.targets == before.arm.targets and plan.warnings == []
+    moved = np.array([0.0, 0.0, 0.0, 0.0, 1.5e-3, 0.0])
+
+    def points(q):
+        at = [truth.predict(q + moved, target, frame="measuring").position for target in plan.targets]
+        return np.stack(at, axis=1)
+
+    random = np.random.default_rng(4)
+    few = points(plan.joint_values) + random.normal(0.0, 2e-5, (8, 3, 3))
+    again = kc.Measurements.from_arrays(plan.joint_values, few, targets=plan.targets, sigma=2e-5)
+    after = kc.calibrate(robot, again, priors={"earlier": before}, diagnosis={"try_readings": False})
+    q = random.uniform(*robot.limits.T, (200, 6))
+    error = {
+        found: np.linalg.norm(
+            np.stack([found.predict(q, t, frame="measuring").position for t in plan.targets], axis=1) - points(q), axis=2
+        ).mean()
+        for found in (before, after)
+    }
+    assert error[after] < 1e-4 and error[before] > 3.0 * error[after]
+    everywhere = kc.plan(robot, after=before, count=9)
+    assert len(everywhere.configurations) == 9 and (everywhere.joint_values[:8] != plan.joint_values).any()
+    (warning,) = kc.plan(robot, after=before, suspect=["joint_1", "joint_5"]).warnings
+    assert "zero of joint_1 cannot show" in warning
+    own = kc.plan(robot, after=before, targets={"ball": [0.1, 0.0, 0.2]})
+    assert own.targets == ["ball"]
+
+
+def test_plan_after_is_that_of_kdlcal(robot, found, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found.save("r.json")
+    plan = kc.plan(robot, after=found, suspect=["joint_3"], noise=2e-5, seed=5)
+    subprocess.run(
+        [KDLCAL, "plan", "--urdf", URDF_DIR / "fanuc_r2000ic_165f.urdf", "--after", "r.json", "--suspect", "joint_3",
+         "--noise", "2e-5", "--seed", "5", "--output", "plan.csv"], check=True, capture_output=True)  # fmt: skip
+
+    def rows(text):
+        return [line for line in text.splitlines() if not line.startswith("#")]
+
+    assert rows((tmp_path / "plan.csv").read_text()) == rows(plan.csv())
+
+
+def test_what_a_plan_cannot_come_after(robot, found):
+    other = kc.parse_robot(robot.urdf, tip="link_5")
+    for use, error, message in [
+        (lambda: kc.plan(other, after=found), kc.InputError, "was not made with"),
+        (lambda: kc.plan(robot, after=found, suspect=["joint_9"]), kc.InputError, "no joint 'joint_9', expected some of joint_1"),
+        (lambda: kc.plan(robot, suspect=["joint_5"]), kc.InputError, "suspect: nothing is known from before"),
+        (lambda: kc.plan(robot, after="r.json"), TypeError, "after: 'r.json', expected a Calibration"),
+        (lambda: kc.plan(robot, after=found, suspect="joint_5"), TypeError, "suspect: 'joint_5', expected a list of texts"),
+    ]:
+        with pytest.raises(error, match=message):
+            use()
+
+
+def test_findings_are_objects(robot, measurements, tmp_path):
+    rows = rows_of(measurements)
+    points = rows["points"].copy()
+    points[10, 1] += 0.1
+    found = kc.calibrate(robot, kc.Measurements.from_arrays(**{**rows, "points": points}))
+    (finding,) = found.findings
+    assert finding.kind == "mistyped_coordinate" and finding.axis == "y"
+    assert (finding.configuration, finding.targets) == (rows["configurations"][10], [rows["targets"][10]])
+    assert abs(abs(finding.amount) - 0.1) < 1e-3 and finding.message == str(finding)
+    found.save(tmp_path / "r.json")
+    loaded = kc.load(tmp_path / "r.json", robot)
+    assert loaded.findings == pickle.loads(pickle.dumps(found.findings)) == found.findings
+    assert kc.calibrate(robot, measurements, **PLAIN).findings == []
+
+
+def test_a_compensator_is_pickled(found, measurements):
+    own = kc.Compensator(found, most_change=0.02, held=["joint_6"], position_first=True)
+    copy = pickle.loads(pickle.dumps(own))
+    assert own.calibration is found
+    q = measurements.joint_values
+    one, other = own.solve(q), copy.solve(q)
+    assert (one.status == other.status).all() and (one.joint_values[:, 5] == q[:, 5]).all()
+    np.testing.assert_allclose(one.joint_values, other.joint_values, rtol=0, atol=1e-12)
+    free = pickle.loads(pickle.dumps(kc.Compensator(found))).solve(q)
+    assert (free.joint_values[:, 5] != q[:, 5]).any()
+    with pytest.raises(TypeError):
+        kc.Compensator(None)
 
 
 def test_report_and_exports(found, tmp_path):
@@ -302,3 +401,65 @@ def test_a_loaded_result_does_not_replace_its_robot(robot, measurements, tmp_pat
 def test_known_of_another_type(robot, measurements):
     with pytest.raises(TypeError, match="known.bases"):
         kc.validate(robot, measurements, known={"bases": [np.eye(4)]})
+
+
+def test_options_that_are_true_for_numpy(robot, measurements):
+    found = kc.calibrate(robot, measurements, **PLAIN, validation={"held_out": np.bool_(False)})
+    assert found.accuracy.held_out is None
+
+
+def test_statistics_outlive_their_accuracy(robot):
+    left = kc.calibrate(robot, kc.simulate(robot, configurations=30, noise=3e-5, seed=1)[0], **PLAIN).accuracy.held_out
+    before = left.after.rms
+    other = kc.calibrate(robot, kc.simulate(robot, configurations=30, noise=3e-3, seed=1)[0], **PLAIN)
+    others = [other.accuracy for _ in range(100)]
+    assert len(others) == 100 and left.after.rms == before
+
+
+def test_iso_figures_of_test_rows(robot):
+    m, _ = kc.simulate(robot, configurations=30, test_configurations=5, repeats=5, noise=2e-5, length_error=1e-3, seed=1)
+    accuracy = kc.calibrate(robot, m, **PLAIN).accuracy
+    assert accuracy.iso_test_after.accuracy.rms < 1e-4 < accuracy.iso_test_before.accuracy.rms
+    errors = kc.validate(robot, kc.simulate(robot, configurations=30, test_configurations=8, seed=1)[0])
+    assert 1.0 < errors.upper_95_factor < errors.upper_95_factor_of_test
+
+
+def test_a_plan_as_the_pendant_counts(robot):
+    plan = kc.plan(robot, count=15)
+    convention = kc.read_joint_convention(URDF_DIR / "fanuc_r2000ic_165f_pendant.json")
+    last = [float(cell) for cell in plan.csv(convention).splitlines()[-1].split(",")[2:8]]
+    pendant = np.linalg.solve(convention.matrix, plan.joint_values[-1] - convention.offset)
+    np.testing.assert_allclose(last, np.degrees(pendant), atol=1e-8)
+    assert abs(pendant - plan.joint_values[-1]).max() > 0.01
+
+
+def test_nothing_that_was_read_is_replaced(robot, measurements, tmp_path, monkeypatch):
+    """Also from another folder, and by a copy of the robot."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "r.urdf").write_text(robot.urdf)
+    named = kc.Measurements.from_arrays(**rows_of(measurements), joint_names=robot.joints)
+    (tmp_path / "m.csv").write_text(named.csv())
+    own = kc.load_robot("r.urdf")
+    found = kc.calibrate(own, kc.read_measurements(own, "m.csv"), **PLAIN)
+    by_copy = kc.calibrate(pickle.loads(pickle.dumps(own)), measurements, **PLAIN)
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path / "sub")
+    for write in (
+        lambda: found.write_urdf("../r.urdf"),
+        lambda: found.save("../r.urdf"),
+        lambda: found.save("../m.csv"),
+        lambda: found.report("../m.csv"),
+        lambda: by_copy.write_urdf("../r.urdf"),
+    ):
+        with pytest.raises(kc.InputError, match="is the file"):
+            write()
+    assert (tmp_path / "r.urdf").read_text() == robot.urdf and (tmp_path / "m.csv").read_text() == named.csv()
+
+
+def test_plots_show_what_they_say(robot):
+    pytest.importorskip("matplotlib")
+    found = kc.calibrate(robot, kc.simulate(robot, configurations=30, noise=3e-5, seed=1)[0], **PLAIN)
+    shown = found.plot_workspace().collections[0].get_array()
+    lengths = 1e3 * np.linalg.norm(found.residuals["position"], axis=1)
+    np.testing.assert_allclose(shown, lengths.reshape(30, 3).max(axis=1))
+    assert found.plot_convergence().lines[0].get_xdata()[0] == 0

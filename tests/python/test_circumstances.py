@@ -1,5 +1,7 @@
 """Temperature and payload of the configurations."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -104,7 +106,12 @@ def test_temperatures_are_those_of_all_configurations_or_none(robot, warm):
 
 def test_at_of_at(robot, warm):
     found = kc.calibrate(robot, measured(warm, temperature=warm[3]), effects={"groups": ["drift"]}, diagnosis={"try_readings": False})
-    assert found.at(temperature=30.0).at(temperature=34.0)._origin is found
+    warmer = found.at(temperature=30.0).at(temperature=34.0)
+    assert warmer._origin is found and warmer.findings == found.findings
+    q = np.array([0.3, -0.2, 0.4, 0.0, 0.6, 0.0])
+    copy = pickle.loads(pickle.dumps(warmer))
+    assert repr(copy) == repr(warmer) and " at 34 degC: " in repr(warmer.at())
+    np.testing.assert_allclose(copy.predict(q, "A").position, warmer.predict(q, "A").position, rtol=0, atol=1e-12)
 
 
 def test_mean_of_the_known(robot):

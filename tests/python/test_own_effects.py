@@ -164,8 +164,65 @@ def test_functions_of_other_rows(robot, yielding, function):
         kc.calibrate(robot, yielding, **with_own(wave=function))
 
 
+def test_one_call_for_each_evaluation_of_an_arm(robot, yielding):
+    """However many columns; with its derivative for 2 n + 1 configurations at once."""
+    sizes = []
+
+    def counted(q):
+        sizes.append(len(q))
+        return np.column_stack([np.sin(3.0 * q[:, 1]), q[:, 2] * q[:, 1]])
+
+    found = kc.calibrate(robot, yielding, effects={"own": {"pair": {"joint": "joint_2", "function": counted}},
+                                                   "automatic": False}, **PLAIN)  # fmt: skip
+    assert len(found.result["effects"]["terms"]) == 2
+    q = np.full((1, 6), 0.3)
+    sizes.clear()
+    found.flange_poses(q)
+    assert sizes == [1]
+    sizes.clear()
+    _, jacobian = found.arm.flange_jacobians(q)
+    assert sizes == [13]
+    step = 1e-5 * np.eye(6)
+    difference = found.flange_poses(q + step)[:, :3, 3] - found.flange_poses(q - step)[:, :3, 3]
+    np.testing.assert_allclose(jacobian[0, :3].T, difference / 2e-5, atol=1e-7)
+
+
 def test_own_is_as_it_was_given(robot, yielding):
     given = with_own(wave=wave)
     found = kc.calibrate(robot, yielding, **given)
     given["effects"]["own"].clear()
     assert pickle.loads(pickle.dumps(found)).own.keys() == {"wave"}
+
+
+def test_columns_that_are_no_array_and_values_at_one_configuration(robot, yielding):
+    with pytest.raises(ValueError, match=r"effects.own.wave.function: an array of shape \(\), expected \(N,\) or \(N, K\)"):
+        kc.calibrate(robot, yielding, **with_own(wave=lambda q: 1.0))
+    at = yielding.joint_values[7]
+    with pytest.raises(kc.InputError, match=f"not finite at joint values {at[0]!r:.8}"):
+        kc.calibrate(robot, yielding, **with_own(wave=lambda q: np.where(q[:, 0] == at[0], np.nan, q[:, 1])))
+
+
+def test_a_calibration_that_is_continued(robot, yielding, tmp_path):
+    """It has the earlier one's effects, and so has one that continues a loaded one."""
+    found = kc.calibrate(robot, yielding, **with_own(wave=wave))
+    with pytest.raises(kc.InputError, match="priors.earlier: decides this already, expected no effects beside it"):
+        kc.calibrate(robot, yielding, priors={"earlier": found}, effects=with_own(wave=wave)["effects"])
+    found.save(tmp_path / "a.json")
+    loaded = kc.load(tmp_path / "a.json", robot, own=found.own)
+    for earlier in (found, loaded):
+        again = kc.calibrate(robot, yielding, priors={"earlier": earlier}, diagnosis={"try_readings": False})
+        assert again.own.keys() == {"wave"}
+        copy = pickle.loads(pickle.dumps(again))
+        q = yielding.joint_values[:5]
+        np.testing.assert_allclose(copy.predict(q, "A").position, again.predict(q, "A").position, rtol=0, atol=1e-12)
+        again.report(tmp_path / "again.html")
+        again.save(tmp_path / "b.json")
+        with pytest.raises(kc.InputError, match="as when it was fitted"):
+            kc.load(tmp_path / "b.json", robot, own={"wave": {"joint": "joint_2", "function": lambda q: 1.1 * wave(q)}})
+
+
+def test_what_is_changed_afterwards_changes_no_result(robot, yielding):
+    given = with_own(wave=wave)
+    found = kc.calibrate(robot, yielding, **given)
+    given["effects"]["own"]["wave"]["axis"] = "x"
+    pickle.loads(pickle.dumps(found))

@@ -85,6 +85,17 @@ def test_files_are_those_of_kdlcal(found, folder, name, options, arguments):
         assert (folder / "own" / f"{stem}_c.{suffix}").read_bytes() == text
 
 
+def test_frames_as_arrays(found, folder):
+    frame = np.eye(4)
+    frame[0, 3] = 0.1
+    by_file = kc.compensate_program(found, "framed.ls", controller=CONTROLLER, frames="frames.json")
+    by_array = kc.compensate_program(found, "framed.ls", controller=CONTROLLER, frames={"user_frames": {"2": frame}})
+    assert by_array.texts == by_file.texts
+    frame[0, 3] = 0.2
+    moved = kc.compensate_program(found, "framed.ls", controller=CONTROLLER, frames={"user_frames": {"2": frame}})
+    assert moved.texts != by_file.texts
+
+
 def test_positions(found, folder):
     program = kc.compensate_program(found, "in.ls", controller=CONTROLLER)
     assert program.language == "FANUC LS" and program.calibration is found
@@ -208,7 +219,11 @@ def test_wrong_arguments(found, folder):
         ({}, kc.InputError, "in.ls: controllers of FANUC LS count joints in another way.*expected controller"),
         ({"controller": "none.json"}, kc.InputError, "none.json"),
         ({"controller": 5}, TypeError, "PathLike"),
-        ({"controller": CONTROLLER, "frames": {}}, TypeError, "frames: {}, expected a file"),
+        ({"controller": CONTROLLER, "frames": 5}, TypeError, "frames: 5, expected a file"),
+        ({"controller": CONTROLLER, "frames": {"users": {}}}, TypeError, "unknown option frames.users, expected one of"),
+        ({"controller": CONTROLLER, "frames": {"user_frames": {"1": np.ones((4, 4))}}}, kc.InputError,
+         r"frames.user_frames.1: a matrix that is no rotation"),
+        ({"controller": CONTROLLER, "frames": {"tool_frames": [np.eye(4)]}}, TypeError, r"(?s)frames.tool_frames: \[.* a dict of names"),
         ({"controller": CONTROLLER, "joint_convention": 5}, TypeError, "joint_convention: 5, expected a JointConvention"),
         ({"controller": CONTROLLER, "frames": "in.ls.json"}, kc.InputError, "in.ls.json"),
         ({"controller": CONTROLLER, "external_axes": {"E7": "joint_1"}}, kc.InputError, "external_axes: 'E7'"),
@@ -219,6 +234,7 @@ def test_wrong_arguments(found, folder):
         ({"controller": CONTROLLER, "near": [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]}, kc.InputError, "near: .* not finite"),
         ({"controller": CONTROLLER, "line_tolerance": "x"}, TypeError, "line_tolerance"),
         ({"controller": CONTROLLER, "line_tolerance": 0.0}, kc.InputError, "line_tolerance: 0, expected"),
+        ({"controller": CONTROLLER, "line_tolerance": np.nan}, kc.InputError, "line_tolerance: nan, expected"),
         ({"controller": CONTROLLER, "nothing": 0}, TypeError, "unknown option nothing"),
     ]:
         with pytest.raises(error, match=message):
@@ -271,3 +287,16 @@ def test_a_convention_without_a_description(found, folder):
     for given in ("kuka.json", kc.read_joint_convention("kuka.json")):
         at = kc.compensate_program(found, "k.src", joint_convention=given).positions
         np.testing.assert_allclose(at["asked"][0], asked, atol=1e-12)
+
+
+def test_more_points_than_are_written_at_a_time(found, folder):
+    count = 32800
+    pose = fanuc().split("P[2]{")[1].split("};")[0]
+    points = "".join("P[{}]{{{}}};\n".format(n, pose.replace("200.000", f"{n * 0.01:.3f}")) for n in range(1, count + 1))
+    moves = "".join(f"   {n}:J P[{n}] 100% FINE ;\n" for n in range(1, count + 1))
+    (folder / "long.ls").write_text(f"/PROG  LONG\n/MN\n{moves}/POS\n{points}/END\n")
+    program = kc.compensate_program(found, "long.ls", controller=CONTROLLER)
+    program.save("c.ls")
+    record = json.loads((folder / "c.ls.kdlcal.json").read_text())["positions"]
+    assert [each["position"] for each in record] == list(program.positions["name"])
+    assert record[-1]["position"] == f"P[{count}]"

@@ -43,6 +43,7 @@ from ._native import (
     validate,
 )
 from . import _display, _measurements, _pickling, _programs, plots
+from ._pickling import Finding
 
 
 def report(found, file):
@@ -57,12 +58,14 @@ from_pandas = _measurements.from_pandas
 CompensatedProgram.save = _programs.save
 Calibration.__reduce__ = _pickling.reduce
 Calibration.result = property(_pickling.result)
+Calibration.findings = property(_pickling.findings)
+Compensator.__reduce__ = _pickling.reduce_compensator
 Calibration._repr_html_ = _display.calibration_html
 Calibration.plot_residuals = plots.plot_residuals
 Calibration.plot_workspace = plots.plot_workspace
 Calibration.plot_convergence = plots.plot_convergence
 
 for _public in list(globals().values()):  # errors and help name the package, not the module of C++
-    if getattr(_public, "__module__", None) == "kdl_calibration._native" and isinstance(_public, type):
+    if isinstance(_public, type) and _public.__module__.startswith("kdl_calibration._"):
         _public.__module__ = "kdl_calibration"
 del _public

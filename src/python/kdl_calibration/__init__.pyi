@@ -109,6 +109,15 @@ class Doubt:
     @property
     def message(self) -> str: ...
 
+class Finding(NamedTuple):
+    kind: str
+    configuration: str
+    repeat: int
+    targets: list[str]
+    axis: Optional[str]
+    amount: float
+    message: str
+
 class ErrorStatistics:
     @property
     def count(self) -> int: ...
@@ -205,6 +214,8 @@ class Calibration:
     @property
     def warnings(self) -> list[str]: ...
     @property
+    def findings(self) -> list[Finding]: ...
+    @property
     def accuracy(self) -> Accuracy: ...
     @property
     def robot(self) -> Robot: ...
@@ -272,18 +283,22 @@ class MeasuringPlan:
     def predicted_mean(self) -> float: ...
     @property
     def predicted_max(self) -> float: ...
+    @property
+    def warnings(self) -> list[str]: ...
     def csv(self, convention: Optional[JointConvention] = None) -> str: ...
 
 def plan(
     robot: Robot,
     *,
-    count: int = 30,
+    count: Optional[int] = None,
     targets: dict[str, ArrayLike] = ...,
     ranges: ArrayLike = ...,
     noise: float = 3e-5,
     least_height: Optional[float] = None,
     least_radius: Optional[float] = None,
     seed: int = 1,
+    after: Optional[Calibration] = None,
+    suspect: Sequence[str] = ...,
     progress: Optional[Callable[[float], object]] = None,
 ) -> MeasuringPlan: ...
 def simulate(
@@ -315,6 +330,8 @@ class Compensator:
         position_first: bool = False,
         held: Sequence[str] = ...,
     ) -> None: ...
+    @property
+    def calibration(self) -> Calibration: ...
     def solve(self, q: ArrayLike, threads: int = 0) -> Compensated: ...
     def solve_poses(self, X_BF: ArrayLike, seed: ArrayLike, threads: int = 0) -> Compensated: ...
     def nominal_poses(self, q: ArrayLike, threads: int = 0) -> _Array: ...
@@ -347,7 +364,7 @@ def compensate_program(
     held: Sequence[str] = ...,
     controller: Optional[_File] = None,
     joint_convention: Union[JointConvention, _File, None] = None,
-    frames: Optional[_File] = None,
+    frames: Union[_File, dict[str, dict[str, ArrayLike]], None] = None,
     external_axes: dict[str, str] = ...,
     near: Optional[ArrayLike] = None,
     line_tolerance: float = ...,

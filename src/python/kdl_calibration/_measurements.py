@@ -7,6 +7,8 @@ from ._native import InputError
 
 
 def _numbers(values, name):
+    if np.ma.is_masked(values):
+        raise InputError(f"{name}: masked values, expected NaN or no row for what was not measured")
     array = np.asarray(values)
     if array.dtype.kind not in "iuf":
         raise TypeError(f"{name}: an array of {array.dtype}, expected one of real numbers")
@@ -158,7 +160,8 @@ def _flattened(joints, points, by_row):
             result[name] = values
             continue
         values = np.asarray(values)
-        if values.shape[:2] == (count, targets):
+        is_of_rows = name == "orientations" and values.ndim == 2  # whose second axis is that of a quaternion
+        if values.shape[:2] == (count, targets) and not is_of_rows:
             if name == "sigma":
                 _refuse_first(values, name, ~np.isfinite(_numbers(values, name)) & measured)
             result[name] = values[measured]
@@ -241,6 +244,8 @@ def _from_rows(joints, points, joint_names, *, targets, configurations, stations
         if len(wrong):
             raise InputError(f"orientations[{wrong[0]}]: its norm is not 1, expected a unit quaternion w, x, y, z")
     joint_names = [] if joint_names is None else list(joint_names)
+    if not all(isinstance(name, str) for name in joint_names):
+        raise TypeError(f"joint_names: {joint_names}, expected texts")
     if joint_names and len(joint_names) != width:
         raise InputError(f"joint_names: {len(joint_names)} names, expected {width}, one for each column of joints")
     driven = _integers(order, "order", count)
