@@ -287,7 +287,9 @@ void bind_calibration(py::module_& module) {
                              [](const Found& found) {
                                return py::make_tuple(found.circumstances.temperature, found.circumstances.payload);
                              })
-      .def_readonly("own", &Found::own, "The effects that are functions of the caller's own.")
+      .def_property_readonly(
+          "own", [](const Found& found) { return copy_of_effects(found.own); },
+          "The effects that are functions of the caller's own.")
       .def("save", &save, "file"_a, "Writes the result that `kdlcal calibrate --result` writes, and `load` reads.")
       .def(
           "report",

@@ -26,7 +26,7 @@ struct Compensating {
 Compensating compensating(const std::shared_ptr<Found>& found, const py::kwargs& keywords) {
   return {.compensator = Compensator(found->calibration, compensation_options(keywords)),
           .calibration = found,
-          .options = keywords,
+          .options = py::dict(py::module_::import("copy").attr("deepcopy")(keywords)),
           .joints = found->robot->joints.size()};
 }
 

@@ -71,8 +71,8 @@ auto interruptible(const Work& work) {
     auto value = result.get();
     interruption.rethrow_reason();  // a signal that came at the end
     return value;
-  } catch (const Stopped&) {
-    interruption.rethrow_reason();
+  } catch (...) {
+    interruption.rethrow_reason();  // rather than what the work met meanwhile
     throw;
   }
 }

@@ -120,6 +120,15 @@ Members::Reader one_of(T& into, Words<T> words) {
   };
 }
 
+Members::Reader function_into(py::object& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    if (!given.is_none() && PyCallable_Check(given.ptr()) == 0) {
+      throw py::type_error(where + ": " + std::string(py::repr(given)) + ", expected a function");
+    }
+    into = py::reinterpret_borrow<py::object>(given);
+  };
+}
+
 Members::Reader vector_into(Eigen::Vector3d& into) {
   return [&into](const py::handle& given, const std::string& where) { into = vector3(given, where); };
 }
@@ -418,7 +427,7 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
       .by("diagnosis", structure(diagnosis_members(options.diagnosis)))
       .by("predict_at", configurations_into(options.predict_at))
       .with("threads", options.threads)
-      .with("progress", result.progress)
+      .by("progress", function_into(result.progress))
       .read(keywords, "");
   return result;
 }
@@ -436,7 +445,7 @@ GivenPlanOptions plan_options(const py::dict& keywords) {
       .with("seed", options.seed)
       .by("after", calibration_into(result.after, options.after))
       .with("suspect", options.suspect)
-      .with("progress", result.progress)
+      .by("progress", function_into(result.progress))
       .read(keywords, "");
   return result;
 }

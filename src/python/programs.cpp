@@ -5,6 +5,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
 #include <iterator>
 #include <limits>
@@ -69,9 +70,16 @@ Controller controller_of(const GivenProgram& given, const Robot& robot, const Pr
 std::string in_keywords(std::string message) {
   constexpr std::pair<std::string_view, std::string_view> kKeywords[] = {
       {"--external-axis", "external_axes"}, {"--frames", "frames"}, {"--near", "near"}, {"--force", "overwrite=True"}};
+  const auto is_of_name = [&](std::size_t at) {  // of a file
+    return at < message.size() && (std::isalnum(static_cast<unsigned char>(message[at])) != 0 ||
+                                   std::string_view("-_./\\").find(message[at]) != std::string_view::npos);
+  };
   for (const auto& [option, keyword] : kKeywords) {
-    for (std::size_t at = message.find(option); at != std::string::npos; at = message.find(option, at)) {
-      message.replace(at, option.size(), keyword);
+    for (std::size_t at = message.find(option); at != std::string::npos; at = message.find(option, at + 1)) {
+      const std::size_t end = at + option.size();
+      if ((at == 0 || !is_of_name(at - 1)) && !is_of_name(end)) {
+        message.replace(at, option.size(), keyword);
+      }
     }
   }
   return message;
@@ -81,10 +89,12 @@ CompensatedJoints near_of(const py::object& near, std::size_t joints) {
   if (near.is_none()) {
     return {};
   }
-  const Rows row(near, joints, "near");
-  if (!row.is_single()) {
-    throw InputError(fmt::format("near: an array of {} rows, expected ({},)", row.count(), joints));
+  const Doubles values = doubles(near, "near");
+  if (values.ndim() != 1 || values.shape(0) != static_cast<py::ssize_t>(joints)) {
+    throw InputError(
+        fmt::format("near: an array of shape {}, expected ({},)", std::string(py::str(values.attr("shape"))), joints));
   }
+  const Rows row(near, joints, "near");
   if (!row.row(0).allFinite()) {
     throw InputError("near: a joint value that is not finite, expected a number for each joint");
   }

@@ -130,8 +130,8 @@ def test_equal_joint_values_are_one_configuration():
         ({"joints": [[0.0, np.nan]] * 4}, r"joints\[0\]\[1\]: nan"),
         ({"points": [[0.0, 0.0, np.inf]] * 4}, r"points\[0\]\[2\]: inf"),
         ({"targets": ["A", "B"]}, "targets: an array of shape"),
-        ({"configurations": ["1", "2", "1", "2"]}, r"joints\[2\]: other joint values than in row 0"),
-        ({"sigma": -1.0}, r"sigma\[0\]: below 0"),
+        ({"configurations": ["1", "2", "1", "2"]}, r"joints\[2\]: other joint values than in joints\[0\]"),
+        ({"sigma": -1.0}, r"sigma\[0\]: -1.0, expected a standard deviation"),
         ({"sigma": [1e-5] * 3}, "sigma: an array of shape"),
         ({"orientations": np.ones((4, 4))}, "its norm is not 1"),
         ({"split": "validate"}, "expected 'train' or 'test'"),
@@ -343,3 +343,50 @@ def test_masked_values_are_refused():
         kc.from_arrays(np.eye(2), points)
     with pytest.raises(TypeError, match=r"joint_names: \[0, 1\], expected texts"):
         kc.from_arrays(np.eye(2), np.ones((2, 3)), joint_names=range(2))
+
+
+def test_repeats_are_counted_in_the_order_of_the_rows(robot):
+    q = robot.limits.mean(axis=1)
+    m = kc.from_arrays(np.array([q, q + 0.1] * 20), np.arange(120.0).reshape(40, 3))
+    np.testing.assert_array_equal(m.observations["repeat"], np.arange(40) // 2 + 1)
+
+
+def test_masks_and_missing_labels_of_any_array(robot):
+    q, points = np.arange(24.0).reshape(4, 6), np.ones((4, 3, 3))
+    for options, message in [
+        ({"sigma": np.ma.masked_array(np.full((4, 3), 1e-4), mask=np.eye(4, 3, dtype=bool))}, "sigma: masked values"),
+        ({"targets": np.ma.masked_array(["A", "B", "C"], mask=[True, False, False])}, "targets: masked values"),
+    ]:
+        with pytest.raises(kc.InputError, match=message):
+            kc.from_arrays(q, points, **options)
+    with pytest.raises(kc.InputError, match=r"targets\[2\]: nan, expected a label"):
+        kc.from_arrays(q[:3], np.ones((3, 3)), targets=["A", "B", float("nan")])
+
+
+def test_places_of_what_is_refused_beside_points_of_configurations():
+    q, points = np.arange(24.0).reshape(4, 6), np.ones((4, 3, 3))
+    sigma, turned, split = np.full(4, 1e-4), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1)), np.full((4, 3), "train")
+    sigma[2], turned[2], split[2, 1] = -1.0, 0.0, "tests"
+    for options, message in [
+        ({"sigma": sigma}, r"sigma\[2\]: -1.0, expected a standard deviation of at least 1e-15 m"),
+        ({"sigma": 1e-300}, r"sigma\[0\]: 1e-300, expected a standard deviation"),
+        ({"orientations": turned}, r"orientations\[2\]: its norm is not 1"),
+        ({"split": split}, r"split\[2\]\[1\]: 'tests', expected 'train' or 'test'"),
+        ({"configurations": ["a", "b", "c", "a"]}, r"joints\[3\]: other joint values than in joints\[0\]"),
+        ({"repeats": [1, -1, 1, 1]}, r"repeats\[1\]: -1, expected 0 to 2147483647"),
+        ({"repeats": [1, 1, 2**32 + 1, 1]}, r"repeats\[2\]: 4294967297, expected 0 to"),
+    ]:
+        with pytest.raises(kc.InputError, match=message):
+            kc.from_arrays(q, points, **options)
+
+
+def test_a_configuration_is_of_one_split():
+    split = ["train"] * 5 + ["test"]
+    with pytest.raises(kc.InputError, match=r"split\[5\]: 'test', expected the same in all rows of configuration 2"):
+        kc.from_arrays(np.repeat(np.eye(2), 3, axis=0), np.ones((6, 3)), targets=list("ABCABC"), split=split)
+
+
+def test_points_of_a_frame_by_a_generator():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"q": [0.0, 1.0], "x": 0.0, "y": 0.0, "z": 1.0})
+    assert len(kc.from_pandas(frame, (name for name in "q"), points=(name for name in "xyz"))) == 2

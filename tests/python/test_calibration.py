@@ -109,6 +109,7 @@ def test_options(robot, measurements):
         ({"validation": {"k_fold": -3}}, kc.InputError, "validation.k_fold: cannot be -3, expected at least 2 folds"),
         ({"validation": {"k_fold": 1}}, kc.InputError, "validation.k_fold: cannot be 1"),
         ({"estimator": {"iterations": -1}}, kc.InputError, "iterations: from 0 to"),
+        ({"progress": 3}, TypeError, "progress: 3, expected a function"),
         ({"validation": {"held_out": 2.0}}, TypeError, "validation.held_out: 2.0, expected True or False"),
         ({"parameters": {"fix": 3}}, TypeError, "parameters.fix: 3, expected a list of texts"),
         ({"estimator": {"loss": "cauchy"}}, ValueError, "estimator.loss: 'cauchy', expected one of 'none', 'huber'"),
@@ -209,6 +210,15 @@ def test_plan(robot):
         kc.plan(robot, count=2)
 
 
+def test_plan_beside_the_column(robot):
+    """Every target stays away from the axis of the first joint, which is the z axis of the base."""
+    _, arm = kc.simulate(robot, length_error=0.0, angle_error=0.0)
+    places = {"F": np.zeros(3), "G": np.array([0.1, 0.0, 0.0]), "H": np.array([0.0, 0.1, 0.0])}
+    poses = arm.flange_poses(kc.plan(robot, count=20, least_radius=1.5, targets=places).joint_values)
+    radii = [np.hypot(*(poses[:, :3, :3] @ p + poses[:, :3, 3])[:, :2].T).min() for p in places.values()]
+    assert min(radii) >= 1.5 - 1e-6 and poses[:, 2, 3].min() < 1.0
+
+
 def test_plan_after_a_repair(robot):
     """Eight configurations find the new zero of joint 5; the truth's points are those of that joint moved."""
     m, truth = kc.simulate(robot, configurations=40, noise=2e-5, length_error=1e-3, angle_error=1e-3, seed=3)
@@ -260,6 +270,8 @@ def test_what_a_plan_cannot_come_after(robot, found):
     for use, error, message in [
         (lambda: kc.plan(other, after=found), kc.InputError, "was not made with"),
         (lambda: kc.plan(robot, after=found, suspect=["joint_9"]), kc.InputError, "no joint 'joint_9', expected some of joint_1"),
+        (lambda: kc.plan(robot, targets={"A": np.eye(4), "B": np.diag([1.0, 1.0, -1.0, 1.0])}), kc.InputError,
+         "targets.B: a matrix that is no rotation"),
         (lambda: kc.plan(robot, suspect=["joint_5"]), kc.InputError, "suspect: nothing is known from before"),
         (lambda: kc.plan(robot, after="r.json"), TypeError, "after: 'r.json', expected a Calibration"),
         (lambda: kc.plan(robot, after=found, suspect="joint_5"), TypeError, "suspect: 'joint_5', expected a list of texts"),
@@ -291,6 +303,10 @@ def test_a_compensator_is_pickled(found, measurements):
     one, other = own.solve(q), copy.solve(q)
     assert (one.status == other.status).all() and (one.joint_values[:, 5] == q[:, 5]).all()
     np.testing.assert_allclose(one.joint_values, other.joint_values, rtol=0, atol=1e-12)
+    held = ["joint_6"]
+    listed = kc.Compensator(found, held=held)
+    held.append("joint_5")
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(listed)).solve(q).joint_values, listed.solve(q).joint_values)
     free = pickle.loads(pickle.dumps(kc.Compensator(found))).solve(q)
     assert (free.joint_values[:, 5] != q[:, 5]).any()
     with pytest.raises(TypeError):
@@ -419,6 +435,8 @@ def test_statistics_outlive_their_accuracy(robot):
 def test_iso_figures_of_test_rows(robot):
     m, _ = kc.simulate(robot, configurations=30, test_configurations=5, repeats=5, noise=2e-5, length_error=1e-3, seed=1)
     accuracy = kc.calibrate(robot, m, **PLAIN).accuracy
+    repeated = kc.validate(robot, m)
+    assert (repeated.train_means.count, repeated.test_means.count, repeated.all_means.count) == (90, 15, 105)
     assert accuracy.iso_test_after.accuracy.rms < 1e-4 < accuracy.iso_test_before.accuracy.rms
     errors = kc.validate(robot, kc.simulate(robot, configurations=30, test_configurations=8, seed=1)[0])
     assert 1.0 < errors.upper_95_factor < errors.upper_95_factor_of_test

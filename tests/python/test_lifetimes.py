@@ -119,3 +119,28 @@ def test_ctrl_c_stops_predictions(found):
     with pytest.raises(KeyboardInterrupt):
         found.predict(q, "A")
     timer.join()
+
+
+def test_a_signal_at_the_end_of_work_arrives(robot):
+    """Validations never look for it."""
+    m, _ = kc.simulate(robot, configurations=2000, repeats=2)
+    timer = threading.Timer(0.06, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        while True:
+            kc.validate(robot, m)
+    timer.join()
+
+
+def test_a_signal_comes_before_the_error_of_the_work(robot):
+    m, _ = kc.simulate(robot, configurations=40, noise=3e-5)
+
+    def slow(q):
+        if len(q) > 1:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+            return q[:3, 0]
+        return q[:, 0]
+
+    with pytest.raises(KeyboardInterrupt):
+        kc.calibrate(robot, m, effects={"own": {"w": {"joint": "joint_3", "function": slow}}})

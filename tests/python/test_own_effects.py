@@ -225,4 +225,5 @@ def test_what_is_changed_afterwards_changes_no_result(robot, yielding):
     given = with_own(wave=wave)
     found = kc.calibrate(robot, yielding, **given)
     given["effects"]["own"]["wave"]["axis"] = "x"
+    found.own["wave"]["joint"] = "joint_5"
     pickle.loads(pickle.dumps(found))

@@ -230,7 +230,7 @@ def test_wrong_arguments(found, folder):
         ({"controller": CONTROLLER, "external_axes": {"E1": "rail"}}, kc.InputError, "external_axes: .* no joint 'rail'"),
         ({"controller": CONTROLLER, "external_axes": ["E1"]}, TypeError, "external_axes"),
         ({"controller": CONTROLLER, "near": [0.0] * 5}, kc.InputError, "near"),
-        ({"controller": CONTROLLER, "near": [[0.0] * 6]}, kc.InputError, r"near: an array of 1 rows, expected \(6,\)"),
+        ({"controller": CONTROLLER, "near": [[0.0] * 6]}, kc.InputError, r"near: an array of shape \(1, 6\), expected \(6,\)"),
         ({"controller": CONTROLLER, "near": [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]}, kc.InputError, "near: .* not finite"),
         ({"controller": CONTROLLER, "line_tolerance": "x"}, TypeError, "line_tolerance"),
         ({"controller": CONTROLLER, "line_tolerance": 0.0}, kc.InputError, "line_tolerance: 0, expected"),
@@ -300,3 +300,9 @@ def test_more_points_than_are_written_at_a_time(found, folder):
     record = json.loads((folder / "c.ls.kdlcal.json").read_text())["positions"]
     assert [each["position"] for each in record] == list(program.positions["name"])
     assert record[-1]["position"] == f"P[{count}]"
+
+
+def test_names_of_files_stay_as_they_are(found, folder):
+    (folder / "weld--near.ls").write_text(fanuc(frame=7))
+    with pytest.raises(kc.InputError, match="weld--near.ls:.*expected it in frames"):
+        kc.compensate_program(found, "weld--near.ls", controller=CONTROLLER)

@@ -5,14 +5,21 @@ import numpy as np
 from . import _native
 from ._native import InputError
 
+_MOST_REPEATS = 2**31 - 1
+_SMALLEST_SIGMA = 1e-15  # [m] as in files
+
 
 def _numbers(values, name):
-    if np.ma.is_masked(values):
-        raise InputError(f"{name}: masked values, expected NaN or no row for what was not measured")
+    _refuse_masked(values, name)
     array = np.asarray(values)
     if array.dtype.kind not in "iuf":
         raise TypeError(f"{name}: an array of {array.dtype}, expected one of real numbers")
     return np.asarray(array, dtype=np.float64, order="C")
+
+
+def _refuse_masked(values, name):
+    if np.ma.is_masked(values):
+        raise InputError(f"{name}: masked values, expected NaN or no row for what was not measured")
 
 
 def _refuse_first(array, name, wrong):
@@ -21,6 +28,18 @@ def _refuse_first(array, name, wrong):
     if len(places):
         place = "".join(f"[{i}]" for i in places[0])
         raise InputError(f"{name}{place}: {array[tuple(places[0])]}, expected a finite number")
+
+
+class _Places:
+    """Where the value of a row stands in the arrays that were given."""
+
+    def __init__(self, row=None, target=None, of_targets=()):
+        self._row, self._target, self._of_targets = row, target, of_targets
+
+    def __call__(self, name, i):
+        if self._row is None:
+            return f"{name}[{i}]"
+        return f"{name}[{self._row[i]}]" + (f"[{self._target[i]}]" if name in self._of_targets else "")
 
 
 def _shaped(values, name, shape):
@@ -45,7 +64,7 @@ def _labels(values, name, count, default):
     """One label for each row; a single text, or nothing, stands for all."""
     if values is None or isinstance(values, str):
         return np.full(count, values or default)
-    labels = np.asarray(values)
+    labels = np.asarray(values, dtype=None if isinstance(values, np.ndarray) else object)
     if labels.shape != (count,):
         raise InputError(f"{name}: an array of shape {labels.shape}, expected {(count,)}, one for each row")
     if labels.dtype.kind in "Of":  # which may hold what stands for no value
@@ -55,7 +74,7 @@ def _labels(values, name, count, default):
     return labels.astype(str)
 
 
-def _configurations(joints, labels):
+def _configurations(joints, labels, place):
     """Names, the configuration of each row, and the first row of each configuration."""
     if labels is None:  # rows with equal joint values are one configuration
         rows = np.ascontiguousarray(joints + 0.0).view(np.dtype((np.void, joints.dtype.itemsize * joints.shape[1])))
@@ -68,7 +87,7 @@ def _configurations(joints, labels):
     if len(differ):
         row = differ[0]
         raise InputError(
-            f"joints[{row}]: other joint values than in row {first[index[row]]} of configuration "
+            f"{place('joints', row)}: other joint values than in {place('joints', first[index[row]])} of configuration "
             f"{names[index[row]]}, expected the same, or another label"
         )
     return names, index, first
@@ -129,14 +148,24 @@ def _of_configurations(values, name, configuration, count):
     return np.divide(sums, numbers, out=np.full(count, np.nan), where=numbers > 0)
 
 
-def _is_test(split, count):
+def _is_test(split, configuration, names, place):
+    count = len(configuration)
     if split is None:
         return np.zeros(count, dtype=np.int64)
     words = _labels(split, "split", count, "train")
     wrong = np.flatnonzero((words != "train") & (words != "test"))
     if len(wrong):
-        raise InputError(f"split[{wrong[0]}]: '{words[wrong[0]]}', expected 'train' or 'test'")
-    return (words == "test").astype(np.int64)
+        raise InputError(f"{place('split', wrong[0])}: '{words[wrong[0]]}', expected 'train' or 'test'")
+    is_test = (words == "test").astype(np.int64)
+    of_configuration = np.zeros(len(names), dtype=np.int64)
+    of_configuration[configuration[::-1]] = is_test[::-1]
+    mixed = np.flatnonzero(is_test != of_configuration[configuration])
+    if len(mixed):
+        raise InputError(
+            f"{place('split', mixed[0])}: '{words[mixed[0]]}', expected the same in all rows of configuration "
+            f"{names[configuration[mixed[0]]]}"
+        )
+    return is_test
 
 
 def _flattened(joints, points, by_row):
@@ -155,6 +184,7 @@ def _flattened(joints, points, by_row):
     measured = ~np.isnan(points).all(axis=2)
     row, target = np.nonzero(measured)
     result = {"targets": names[target]}
+    of_targets = set()
     for name, values in by_row.items():
         if values is None or isinstance(values, str) or np.ndim(values) == 0:
             result[name] = values
@@ -165,11 +195,12 @@ def _flattened(joints, points, by_row):
             if name == "sigma":
                 _refuse_first(values, name, ~np.isfinite(_numbers(values, name)) & measured)
             result[name] = values[measured]
+            of_targets.add(name)
         elif values.shape[:1] == (count,):
             result[name] = values[row]
         else:
             raise InputError(f"{name}: an array of shape {values.shape}, expected ({count},) or ({count}, {targets})")
-    return joints[row], points[measured], result
+    return joints[row], points[measured], result, _Places(row, target, of_targets)
 
 
 def from_arrays(
@@ -209,10 +240,13 @@ def from_arrays(
     by_row = {"targets": targets, "configurations": configurations, "stations": stations, "sigma": sigma,
               "orientations": orientations, "split": split, "repeats": repeats, "order": order,
               "temperature": temperature, "payload": payload}  # fmt: skip
+    for name, values in by_row.items():
+        _refuse_masked(values, name)
+    place = _Places()
     if points.ndim == 3:
         if points.shape[2] != 3:
             raise InputError(f"points: an array of shape {points.shape}, expected (N, T, 3) or (M, 3)")
-        joints, points, by_row = _flattened(joints, points, by_row)
+        joints, points, by_row, place = _flattened(joints, points, by_row)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise InputError(f"points: an array of shape {points.shape}, expected (M, 3) or (N, T, 3) with at least a row")
     count = len(points)
@@ -220,29 +254,38 @@ def from_arrays(
     if joints.ndim != 2 or len(joints) != count or joints.shape[1] == 0:
         raise InputError(f"joints: an array of shape {joints.shape}, expected ({count}, n), a row for each of points")
     joints = _shaped(joints, "joints", joints.shape)
-    return _from_rows(joints, points, joint_names, **by_row)
+    return _from_rows(joints, points, joint_names, place, **by_row)
 
 
-def _from_rows(joints, points, joint_names, *, targets, configurations, stations, sigma, orientations, split, repeats,
+def _from_rows(joints, points, joint_names, place, *, targets, configurations, stations, sigma, orientations, split, repeats,
                order, temperature, payload):  # fmt: skip
     count, width = joints.shape
-    names, configuration, first = _configurations(joints, configurations)
+    names, configuration, first = _configurations(joints, configurations, place)
     target_names, target = _numbered(_labels(targets, "targets", count, "A"))
     station_names, station = _numbered(_labels(stations, "stations", count, "W"))
     repeat = _integers(repeats, "repeats", count)
     if repeat is None:
         repeat = _repeats(configuration, target, len(target_names))
     else:
+        wrong = np.flatnonzero((repeat < 0) | (repeat > _MOST_REPEATS))
+        if len(wrong):
+            raise InputError(f"{place('repeats', wrong[0])}: {repeat[wrong[0]]}, expected 0 to {_MOST_REPEATS}")
         _refuse_twice(np.column_stack([configuration, target, station, repeat]))
     if sigma is not None:
         sigma = np.full(count, _shaped(sigma, "sigma", ())) if np.ndim(sigma) == 0 else _shaped(sigma, "sigma", (count,))
-        if (sigma < 0.0).any():
-            raise InputError(f"sigma[{np.flatnonzero(sigma < 0.0)[0]}]: below 0, expected a standard deviation [m]")
+        wrong = np.flatnonzero((sigma < 0.0) | ((sigma > 0.0) & (sigma < _SMALLEST_SIGMA)))
+        if len(wrong):
+            raise InputError(
+                f"{place('sigma', wrong[0])}: {sigma[wrong[0]]}, expected a standard deviation of at least "
+                f"{_SMALLEST_SIGMA} m"
+            )
     if orientations is not None:
         orientations = _shaped(orientations, "orientations", (count, 4))
         wrong = np.flatnonzero(abs(np.linalg.norm(orientations, axis=1) - 1.0) > 1e-3)
         if len(wrong):
-            raise InputError(f"orientations[{wrong[0]}]: its norm is not 1, expected a unit quaternion w, x, y, z")
+            raise InputError(
+                f"{place('orientations', wrong[0])}: its norm is not 1, expected a unit quaternion w, x, y, z"
+            )
     joint_names = [] if joint_names is None else list(joint_names)
     if not all(isinstance(name, str) for name in joint_names):
         raise TypeError(f"joint_names: {joint_names}, expected texts")
@@ -261,7 +304,7 @@ def _from_rows(joints, points, joint_names, *, targets, configurations, stations
         "target": target,
         "station": station,
         "repeat": repeat,
-        "is_test": _is_test(split, count),
+        "is_test": _is_test(split, configuration, names, place),
         "circumstances": nothing if temperature is None and payload is None else np.column_stack(around),
     }
     stated = {"joints": joint_names, "configurations": names, "targets": target_names, "stations": station_names}
@@ -275,7 +318,7 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
     (targets="target") or are arrays; orientations names four. Without them the columns target, configuration,
     station, sigma, split, repeat, temperature and payload are used if there are any. Needs no pandas beside that of the frame.
     """
-    joints = list(joints)
+    joints, points = list(joints), list(points)
     missing = [name for name in [*joints, *points] if name not in frame.columns]
     if missing:
         raise InputError(f"column '{missing[0]}' is not in the data frame, expected one of {list(frame.columns)}")
@@ -294,4 +337,4 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
         else:
             given[keyword] = value
     given.setdefault("joint_names", joints)
-    return from_arrays(frame[joints].to_numpy(), frame[list(points)].to_numpy(), **given)
+    return from_arrays(frame[joints].to_numpy(), frame[points].to_numpy(), **given)
