@@ -150,9 +150,9 @@ NewPointErrors new_point_errors(const CalibrationResult& calibration, const Meas
       configurations_with(result.rows == NewPointErrors::Rows::test ? Split::test : Split::train, measurements);
   result.configurations = static_cast<int>(std::count(has_errors.begin(), has_errors.end(), true));
   result.coverage_factor = coverage_factor(std::max(1, result.configurations));
-  const double of_one = left_out != nullptr ? std::sqrt(scatter_of_one(calibration, measurements)) : 0.0;
+  result.of_one = left_out != nullptr ? std::sqrt(scatter_of_one(calibration, measurements)) : 0.0;
   const auto expanded = [&](double rms) {
-    return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions, of_one);
+    return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions, result.of_one);
   };
   const double chosen = left_out == nullptr             ? errors.after.rms
                         : accuracy.nested_leave_one_out ? accuracy.nested_leave_one_out->rms

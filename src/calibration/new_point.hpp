@@ -51,9 +51,9 @@ std::map<std::int32_t, std::vector<double>> left_out_ratios(const std::vector<He
 MeasuredRegion measured_region(const Measurements& measurements, const std::vector<HeldOutPoint>& held_out,
                                const NoiseReport& noise, double optimism);
 
-/// How far from its prediction a new measured point is, U = k sqrt(rms^2 + a^2 + b^2) [m], with the RMS errors of points
-/// that were not fitted, a = PredictedAccuracy::of_assumptions (which no row shows), b^2 the variance by which a single
-/// point scatters more than the mean of its repeats, which is what is left out, and k =
+/// How far from its prediction a new measured point is, U = k sqrt(rms^2 + a^2 + b^2) [m], with the RMS errors of
+/// points that were not fitted, a = PredictedAccuracy::of_assumptions (which no row shows), b^2 the variance by which a
+/// single point scatters more than the mean of its repeats, which is what is left out, and k =
 /// coverage_factor(configurations). All robots have the same k, a and rows; their bases and targets are registered.
 struct NewPointErrors {
   /// The rows with these errors: left-out configurations, else test rows, else the fitted ones, which are too good.
@@ -62,6 +62,7 @@ struct NewPointErrors {
   bool of_coordinates = false;  ///< of single coordinates or distances instead of points
   int configurations = 0;       ///< of these rows
   double coverage_factor = 2.0;
+  double of_one = 0.0;  ///< [m] b, where the rows are left out
   /// With effects; the RMS of left-out points without the optimism of the choice: that of nested leave-one-out, else
   /// multiplied by ModelSelection::optimism.
   double compensated = 0.0;

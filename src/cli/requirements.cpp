@@ -106,8 +106,8 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "change",      "size",        "rms_upper_95",  "of_assumptions",
                                            "moves",       "expanded",    "moved_points",  "misfit_without",
                                            "turn",        "radius",      "moved_flange",  "geometry_alone",
-                                           "compensated", "urdf_alone",  "reach",         "test_rms",
-                                           "uncertainty", "turn_sigma"};
+                                           "compensated", "of_one",      "urdf_alone",    "reach",
+                                           "test_rms",    "uncertainty", "turn_sigma"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",

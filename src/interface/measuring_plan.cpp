@@ -8,6 +8,7 @@
 #include "base/preconditions.hpp"
 #include "interface/calibration_parts.hpp"
 #include "interface/default_targets.hpp"
+#include "kdl_calibration/input_error.hpp"
 #include "planning/planner.hpp"
 #include "robot/joint_ranges.hpp"
 

@@ -11,6 +11,7 @@
 
 #include "base/decompositions.hpp"
 #include "base/preconditions.hpp"
+#include "base/text.hpp"
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/input_check.hpp"
@@ -247,9 +248,7 @@ MonteCarloResult try_out(const PlanRequest& request, const Experiment& experimen
   return run_monte_carlo(runs);
 }
 
-}  // namespace
-
-Plan make_plan(const PlanRequest& request) {
+void require_possible(const PlanRequest& request) {
   if (request.calibrated && request.monte_carlo > 0) {
     throw InputError("the runs that try a plan repeat the measurements before it: a calibration does not have them");
   }
@@ -275,6 +274,12 @@ Plan make_plan(const PlanRequest& request) {
   if (request.measured) {
     check(*request.measured, complete_model(request.robot));
   }
+}
+
+}  // namespace
+
+Plan make_plan(const PlanRequest& request) {
+  require_possible(request);
   Plan plan;
   const KeptAxes kept = request.calibrated ? request.calibrated->model.kept_axes : KeptAxes::none;
   plan.experiment =

@@ -20,6 +20,9 @@ std::string shape_of(const py::array& array) { return py::str(array.attr("shape"
 }  // namespace
 
 Doubles doubles(const py::handle& object, const std::string& name) {
+  if (py::module_::import("numpy").attr("ma").attr("is_masked")(object).cast<bool>()) {
+    throw InputError(name + ": masked values, expected numbers");
+  }
   const py::array array = py::array::ensure(object);
   if (!array) {
     PyErr_Clear();

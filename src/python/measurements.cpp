@@ -209,7 +209,7 @@ void bind_measurements(py::module_& module) {
             if (m.joints.empty()) {
               written.joints = numbered_joints(m.joint_values.rows());
             }
-            return py::make_tuple(measurements_csv(written), written.joints, m.source, m.joints.empty());
+            return py::make_tuple(measurements_csv(written), written.joints, m.source, m.joints.empty(), m.remark);
           },
           [](const py::tuple& state) {
             auto m = std::make_shared<Measurements>(parse_measurements(state[0].cast<std::string>(),
@@ -218,6 +218,7 @@ void bind_measurements(py::module_& module) {
             if (state[3].cast<bool>()) {
               m->joints.clear();
             }
+            m->remark = state[4].cast<std::string>();
             return m;
           }));
   module.def(

@@ -254,6 +254,7 @@ Json new_point_json(const NewPointErrors& errors) {
           {"of_coordinates", errors.of_coordinates},
           {"configurations", errors.configurations},
           {"coverage_factor", errors.coverage_factor},
+          {"of_one", errors.of_one},
           {"compensated", errors.compensated},
           {"urdf_alone", errors.urdf_alone},
           {"nominal", errors.nominal}};

@@ -140,12 +140,12 @@ class Pages(unittest.TestCase):
         self.assertLess(largest, 1e-9)
 
     def check_statement(self, data):
-        """The sentence at the top: k times the RMS of rows that were not fitted, and what no row shows, for each robot."""
+        """The sentence at the top: k times the RMS of rows that were not fitted, what no row shows, and the scatter of one row."""
         result = data["result"]
         errors, stated = result["position_error"], result["new_point"]
         pair = errors.get("leave_one_out") or errors.get("k_fold") or errors.get("test") or errors["train"]
         assumed = result["predicted_accuracy"]["budget"]["of_assumptions"]
-        expanded = lambda rms: stated["coverage_factor"] * math.hypot(rms, assumed)
+        expanded = lambda rms: stated["coverage_factor"] * math.hypot(rms, assumed, stated["of_one"])
         self.assertAlmostEqual(stated["nominal"], expanded(pair["before"]["rms"]), delta=1e-12)
         if "exported_urdf" in pair:
             self.assertAlmostEqual(stated["urdf_alone"], expanded(pair["exported_urdf"]["rms"]), delta=1e-12)

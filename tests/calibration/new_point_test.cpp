@@ -267,6 +267,7 @@ TEST(NewPoint, StatesTheErrorsOfAllRobotsInTheSameWay) {
   const double of_one = 18e-10 * 2.0 / 3.0;
   EXPECT_NEAR(left_out.compensated, 2.649 * std::sqrt(25e-10 + of_one), 1e-7);
   EXPECT_NEAR(left_out.urdf_alone, left_out.compensated, 1e-12);
+  EXPECT_NEAR(left_out.of_one, std::sqrt(of_one), 1e-12);
   Measurements once = measurements;
   std::erase_if(once.observations, [](const Observation& o) { return o.repeat > 0; });
   EXPECT_NEAR(new_point_errors(found, once).compensated, 2.649 * 5e-5, 1e-7);

@@ -291,7 +291,7 @@ def test_a_label_that_is_missing():
 
 
 def test_a_repeat_is_given_once():
-    with pytest.raises(kc.InputError, match=r"repeats\[2\]: 1, as in row 0 of this configuration and target"):
+    with pytest.raises(kc.InputError, match=r"repeats\[2\]: 1, as in repeats\[0\] of this configuration and target"):
         kc.from_arrays(np.zeros((3, 2)), np.ones((3, 3)), repeats=[1, 2, 1])
 
 
@@ -367,12 +367,20 @@ def test_places_of_what_is_refused_beside_points_of_configurations():
     q, points = np.arange(24.0).reshape(4, 6), np.ones((4, 3, 3))
     sigma, turned, split = np.full(4, 1e-4), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1)), np.full((4, 3), "train")
     sigma[2], turned[2], split[2, 1] = -1.0, 0.0, "tests"
+    broken = np.tile([1.0, 0.0, 0.0, 0.0], (4, 3, 1))
+    broken[2, 1, 3] = np.nan
     for options, message in [
         ({"sigma": sigma}, r"sigma\[2\]: -1.0, expected a standard deviation of at least 1e-15 m"),
         ({"sigma": 1e-300}, r"sigma\[0\]: 1e-300, expected a standard deviation"),
         ({"orientations": turned}, r"orientations\[2\]: its norm is not 1"),
         ({"split": split}, r"split\[2\]\[1\]: 'tests', expected 'train' or 'test'"),
         ({"configurations": ["a", "b", "c", "a"]}, r"joints\[3\]: other joint values than in joints\[0\]"),
+        ({"sigma": [1e-5, 1e-5, np.nan, 1e-5]}, r"sigma\[2\]: nan"),
+        ({"configurations": ["a", "b", None, "d"]}, r"configurations\[2\]: None, expected a label"),
+        ({"stations": ["a", "b", None, "d"]}, r"stations\[2\]: None, expected a label"),
+        ({"split": ["train", None, "test", "test"]}, r"split\[1\]: None, expected a label"),
+        ({"orientations": broken}, r"orientations\[2\]\[1\]\[3\]: nan"),
+        ({"order": np.array([0, 2**63, 1, 2], dtype=np.uint64)}, "order: 9223372036854775808, expected at most"),
         ({"repeats": [1, -1, 1, 1]}, r"repeats\[1\]: -1, expected 0 to 2147483647"),
         ({"repeats": [1, 1, 2**32 + 1, 1]}, r"repeats\[2\]: 4294967297, expected 0 to"),
     ]:
@@ -390,3 +398,12 @@ def test_points_of_a_frame_by_a_generator():
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"q": [0.0, 1.0], "x": 0.0, "y": 0.0, "z": 1.0})
     assert len(kc.from_pandas(frame, (name for name in "q"), points=(name for name in "xyz"))) == 2
+
+
+def test_what_is_predicted_is_not_masked(found):
+    with pytest.raises(kc.InputError, match="q: masked values, expected numbers"):
+        found.flange_poses(np.ma.masked_array(np.zeros((1, 6)), mask=[[0, 0, 0, 0, 0, 1]]))
+
+
+def test_a_copy_of_measurements_keeps_their_remark(measurements):
+    assert measurements.remark and pickle.loads(pickle.dumps(measurements)).remark == measurements.remark

@@ -481,3 +481,25 @@ def test_plots_show_what_they_say(robot):
     lengths = 1e3 * np.linalg.norm(found.residuals["position"], axis=1)
     np.testing.assert_allclose(shown, lengths.reshape(30, 3).max(axis=1))
     assert found.plot_convergence().lines[0].get_xdata()[0] == 0
+
+
+def test_test_rows_at_fitted_poses_and_at_new_ones(robot):
+    m, _ = kc.simulate(robot, configurations=40, test_configurations=8, noise=3e-5, length_error=1e-3, seed=3)
+    rows = rows_of(m)
+    again = slice(0, 15)  # five fitted poses, measured again under other labels
+    twice = kc.from_arrays(
+        np.r_[rows["joints"], rows["joints"][again]], np.r_[rows["points"], rows["points"][again] + 3e-5],
+        targets=np.r_[rows["targets"], rows["targets"][again]], split=np.r_[rows["split"], ["test"] * 15],
+        configurations=np.r_[rows["configurations"], ["x" + name for name in rows["configurations"][again]]],
+    )  # fmt: skip
+    accuracy = kc.calibrate(robot, twice, **PLAIN).accuracy
+    assert (accuracy.test_at_fitted_poses.count, accuracy.test_at_new_poses.count) == (15, 24)
+
+
+def test_options_of_a_validation(robot, measurements):
+    rows = rows_of(measurements)
+    rows["joints"] = rows["joints"] * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0]
+    turned = kc.from_arrays(**rows)
+    causes = [[doubt.cause for doubt in kc.validate(robot, turned, diagnosis={"try_readings": tried}).doubts]
+              for tried in (True, False)]  # fmt: skip
+    assert "joint_sign" in causes[0] and "joint_sign" not in causes[1]

@@ -124,3 +124,19 @@ def test_why_there_are_no_residuals_at_a_temperature(robot, warm):
     found = kc.calibrate(robot, measured(warm, temperature=warm[3]), effects={"groups": ["drift"]}, diagnosis={"try_readings": False})
     with pytest.raises(kc.InputError, match="at a stated temperature or payload has no measurements"):
         found.at(temperature=30.0).residuals
+
+
+def test_a_copy_with_a_payload(robot):
+    m, _ = kc.simulate(robot, configurations=40, noise=3e-5, length_error=1e-3, angle_error=1e-3, seed=3)
+    rows = m.observations
+    place = {name: i for i, name in enumerate(m.configurations)}
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    load = np.random.default_rng(2).uniform(0.0, 100.0, 40)[of_row]
+    joints = m.joint_values[of_row] + np.outer(load, [0.0, 1e-5, 0.0, 0.0, 0.0, 0.0])
+    heavy = kc.from_arrays(joints, rows["position"], targets=rows["target"], configurations=rows["configuration"], payload=load)
+    found = kc.calibrate(robot, heavy, effects={"groups": ["payload"]}, **PLAIN)
+    at = found.at(payload=90.0)
+    copy, q = pickle.loads(pickle.dumps(at)), np.zeros(6)
+    assert repr(copy) == repr(at) and " with 90 kg: " in repr(copy)
+    np.testing.assert_allclose(copy.predict(q, "A").position, at.predict(q, "A").position, rtol=0, atol=1e-12)
+    assert abs(found.predict(q, "A").position - at.predict(q, "A").position).max() > 1e-6

@@ -5,6 +5,7 @@ import numpy as np
 from . import _native
 from ._native import InputError
 
+_MOST = 2**63 - 1
 _MOST_REPEATS = 2**31 - 1
 _SMALLEST_SIGMA = 1e-15  # [m] as in files
 
@@ -22,14 +23,6 @@ def _refuse_masked(values, name):
         raise InputError(f"{name}: masked values, expected NaN or no row for what was not measured")
 
 
-def _refuse_first(array, name, wrong):
-    """Names the first element that is wrong."""
-    places = np.argwhere(wrong)
-    if len(places):
-        place = "".join(f"[{i}]" for i in places[0])
-        raise InputError(f"{name}{place}: {array[tuple(places[0])]}, expected a finite number")
-
-
 class _Places:
     """Where the value of a row stands in the arrays that were given."""
 
@@ -37,17 +30,29 @@ class _Places:
         self._row, self._target, self._of_targets = row, target, of_targets
 
     def __call__(self, name, i):
-        if self._row is None:
+        if self._row is None or name == "points":
             return f"{name}[{i}]"
         return f"{name}[{self._row[i]}]" + (f"[{self._target[i]}]" if name in self._of_targets else "")
 
 
-def _shaped(values, name, shape):
+_AS_GIVEN = _Places()
+
+
+def _refuse_first(array, name, wrong, place=_AS_GIVEN):
+    """Names the first element that is wrong."""
+    places = np.argwhere(wrong)
+    if len(places):
+        where = place(name, places[0][0]) if len(places[0]) else name
+        rest = "".join(f"[{i}]" for i in places[0][1:])
+        raise InputError(f"{where}{rest}: {array[tuple(places[0])]}, expected a finite number")
+
+
+def _shaped(values, name, shape, place=_AS_GIVEN):
     """Finite numbers of this shape."""
     array = _numbers(values, name)
     if array.shape != shape:
         raise InputError(f"{name}: an array of shape {array.shape}, expected {shape}")
-    _refuse_first(array, name, ~np.isfinite(array))
+    _refuse_first(array, name, ~np.isfinite(array), place)
     return array
 
 
@@ -60,7 +65,7 @@ def _numbered(labels):
     return [str(name) for name in names[order]], rank[index.reshape(-1)].astype(np.int64)
 
 
-def _labels(values, name, count, default):
+def _labels(values, name, count, default, place=_AS_GIVEN):
     """One label for each row; a single text, or nothing, stands for all."""
     if values is None or isinstance(values, str):
         return np.full(count, values or default)
@@ -70,7 +75,7 @@ def _labels(values, name, count, default):
     if labels.dtype.kind in "Of":  # which may hold what stands for no value
         for i, label in enumerate(labels):
             if not isinstance(label, str) and str(label) in ("None", "nan", "<NA>", "NaT"):
-                raise InputError(f"{name}[{i}]: {label}, expected a label")
+                raise InputError(f"{place(name, i)}: {label}, expected a label")
     return labels.astype(str)
 
 
@@ -80,7 +85,7 @@ def _configurations(joints, labels, place):
         rows = np.ascontiguousarray(joints + 0.0).view(np.dtype((np.void, joints.dtype.itemsize * joints.shape[1])))
         names, index = _numbered_rows(rows.reshape(-1))
     else:
-        names, index = _numbered(_labels(labels, "configurations", len(joints), ""))
+        names, index = _numbered(_labels(labels, "configurations", len(joints), "", place))
     first = np.full(len(names), -1, dtype=np.int64)
     first[index[::-1]] = np.arange(len(index))[::-1]
     differ = np.flatnonzero((joints != joints[first[index]]).any(axis=1))
@@ -112,13 +117,14 @@ def _repeats(configuration, target, targets):
     return repeats
 
 
-def _refuse_twice(rows):
+def _refuse_twice(rows, place):
     _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[index.reshape(-1)] != np.arange(len(rows)))
     if len(again):
         raise InputError(
-            f"repeats[{again[0]}]: {rows[again[0], 3]}, as in row {first[index.reshape(-1)[again[0]]]} of this "
-            "configuration and target, expected a number for each"
+            f"{place('repeats', again[0])}: {rows[again[0], 3]}, as in "
+            f"{place('repeats', first[index.reshape(-1)[again[0]]])} of this configuration and target, expected a number "
+            "for each"
         )
 
 
@@ -130,6 +136,8 @@ def _integers(values, name, count):
         raise TypeError(f"{name}: an array of {array.dtype}, expected one of integers")
     if array.shape != (count,):
         raise InputError(f"{name}: an array of shape {array.shape}, expected {(count,)}")
+    if array.dtype.kind == "u" and (array > _MOST).any():
+        raise InputError(f"{name}: {array.max()}, expected at most {_MOST}")
     return array.astype(np.int64)
 
 
@@ -152,7 +160,7 @@ def _is_test(split, configuration, names, place):
     count = len(configuration)
     if split is None:
         return np.zeros(count, dtype=np.int64)
-    words = _labels(split, "split", count, "train")
+    words = _labels(split, "split", count, "train", place)
     wrong = np.flatnonzero((words != "train") & (words != "test"))
     if len(wrong):
         raise InputError(f"{place('split', wrong[0])}: '{words[wrong[0]]}', expected 'train' or 'test'")
@@ -262,7 +270,7 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
     count, width = joints.shape
     names, configuration, first = _configurations(joints, configurations, place)
     target_names, target = _numbered(_labels(targets, "targets", count, "A"))
-    station_names, station = _numbered(_labels(stations, "stations", count, "W"))
+    station_names, station = _numbered(_labels(stations, "stations", count, "W", place))
     repeat = _integers(repeats, "repeats", count)
     if repeat is None:
         repeat = _repeats(configuration, target, len(target_names))
@@ -270,9 +278,9 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
         wrong = np.flatnonzero((repeat < 0) | (repeat > _MOST_REPEATS))
         if len(wrong):
             raise InputError(f"{place('repeats', wrong[0])}: {repeat[wrong[0]]}, expected 0 to {_MOST_REPEATS}")
-        _refuse_twice(np.column_stack([configuration, target, station, repeat]))
+        _refuse_twice(np.column_stack([configuration, target, station, repeat]), place)
     if sigma is not None:
-        sigma = np.full(count, _shaped(sigma, "sigma", ())) if np.ndim(sigma) == 0 else _shaped(sigma, "sigma", (count,))
+        sigma = np.full(count, _shaped(sigma, "sigma", ())) if np.ndim(sigma) == 0 else _shaped(sigma, "sigma", (count,), place)
         wrong = np.flatnonzero((sigma < 0.0) | ((sigma > 0.0) & (sigma < _SMALLEST_SIGMA)))
         if len(wrong):
             raise InputError(
@@ -280,7 +288,7 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
                 f"{_SMALLEST_SIGMA} m"
             )
     if orientations is not None:
-        orientations = _shaped(orientations, "orientations", (count, 4))
+        orientations = _shaped(orientations, "orientations", (count, 4), place)
         wrong = np.flatnonzero(abs(np.linalg.norm(orientations, axis=1) - 1.0) > 1e-3)
         if len(wrong):
             raise InputError(
