@@ -595,7 +595,7 @@ double residuals_over_noise(const CalibrationResult& found, const Measurements& 
   constexpr double kFew = 10.0;
   double coordinates = 0.0;
   for (const Observation& o : measurements.observations) {
-    coordinates += o.split == Split::train ? std::min(dimension(o.reading), 3) : 0;
+    coordinates += o.split == Split::train ? dimension(o.reading) : 0;
   }
   const double left = coordinates - static_cast<double>(found.fit.free.size());
   const ErrorStatistics& fitted = found.accuracy.train.after;

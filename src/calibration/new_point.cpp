@@ -112,13 +112,17 @@ namespace {
 
 // [m^2] by which one row scatters more than the mean of its repeats, on average over the targets of configurations.
 double scatter_of_one(const CalibrationResult& calibration, const Measurements& measurements) {
+  const std::vector<Observation>& all = measurements.observations;
+  if (std::all_of(all.begin(), all.end(), [&](const Observation& o) { return o.repeat == all.front().repeat; })) {
+    return 0.0;  // nothing is repeated
+  }
   const NewPointNoise noise = new_point_noise(calibration.noise);
   struct Rows {
     double count = 0.0;
     double variance = 0.0;  // of one, in all its directions
   };
   std::map<std::array<int, 3>, Rows> groups;
-  for (const Observation& o : measurements.observations) {
+  for (const Observation& o : all) {
     if (o.split == Split::train) {
       Rows& rows = groups[{o.configuration, o.target, o.station}];
       rows.count += 1.0;
@@ -126,7 +130,7 @@ double scatter_of_one(const CalibrationResult& calibration, const Measurements& 
       const Observation one{.reading = Point{is_distance ? Eigen::Vector3d(Eigen::Vector3d::Zero()) : o.position()},
                             .noise = noise.at(static_cast<std::size_t>(o.station))};
       const double of_point = point_covariance(noise.model, one).trace() + noise.model.common.squaredNorm();
-      rows.variance = noise.variance_factor * of_point * std::min(dimension(o.reading), 3) / 3.0;
+      rows.variance = noise.variance_factor * of_point * dimension(o.reading) / 3.0;
     }
   }
   double sum = 0.0;

@@ -20,7 +20,8 @@ std::string shape_of(const py::array& array) { return py::str(array.attr("shape"
 }  // namespace
 
 Doubles doubles(const py::handle& object, const std::string& name) {
-  if (py::module_::import("numpy").attr("ma").attr("is_masked")(object).cast<bool>()) {
+  // Arrays without a mask are asked for nothing more: functions of the caller's own come here often.
+  if (py::hasattr(object, "mask") && py::module_::import("numpy.ma").attr("is_masked")(object).cast<bool>()) {
     throw InputError(name + ": masked values, expected numbers");
   }
   const py::array array = py::array::ensure(object);

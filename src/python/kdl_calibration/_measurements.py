@@ -265,8 +265,8 @@ def from_arrays(
     return _from_rows(joints, points, joint_names, place, **by_row)
 
 
-def _from_rows(joints, points, joint_names, place, *, targets, configurations, stations, sigma, orientations, split, repeats,
-               order, temperature, payload):  # fmt: skip
+def _from_rows(joints, points, joint_names, place, *, targets, configurations, stations, sigma, orientations, split,
+               repeats, order, temperature, payload):  # fmt: skip
     count, width = joints.shape
     names, configuration, first = _configurations(joints, configurations, place)
     target_names, target = _numbered(_labels(targets, "targets", count, "A"))
@@ -280,7 +280,8 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
             raise InputError(f"{place('repeats', wrong[0])}: {repeat[wrong[0]]}, expected 0 to {_MOST_REPEATS}")
         _refuse_twice(np.column_stack([configuration, target, station, repeat]), place)
     if sigma is not None:
-        sigma = np.full(count, _shaped(sigma, "sigma", ())) if np.ndim(sigma) == 0 else _shaped(sigma, "sigma", (count,), place)
+        is_one = np.ndim(sigma) == 0
+        sigma = np.full(count, _shaped(sigma, "sigma", ())) if is_one else _shaped(sigma, "sigma", (count,), place)
         wrong = np.flatnonzero((sigma < 0.0) | ((sigma > 0.0) & (sigma < _SMALLEST_SIGMA)))
         if len(wrong):
             raise InputError(
