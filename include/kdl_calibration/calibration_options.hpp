@@ -99,11 +99,31 @@ struct ValidationOptions {
 constexpr std::size_t kMostLeftOutSingly = 5000;
 constexpr int kFoldsOfMany = 10;
 
+/// The frame in which an alternative displaces points. It also says who does so.
+enum class DisplacementFrame {
+  measuring,  ///< of the station: the measurement is wrong, and predictions should not have it
+  base        ///< of the arm, which really is there: predictions should have it
+};
+
+/// An explanation of the residuals of the caller's own: unknown multiples of columns, beside all that is fitted. It is
+/// tested as the built-in mistakes are, and changes no result: what is significant and moves predictions by more than
+/// their radius is a doubt (Cause::own_alternative), else a remark with the same figures.
+struct OwnAlternative {
+  std::string name;  ///< letters, digits, '_' and '-'
+  /// With a joint: its motions [rad or m per unit], N x K. Without: displacements of the measured points [m per unit],
+  /// N x 3 K, x, y and z of the first column, then of the next.
+  OwnColumns columns = {};
+  std::string joint = {};                                  ///< URDF joint that moves
+  EffectAxis axis = EffectAxis::own;                       ///< of the joint
+  DisplacementFrame frame = DisplacementFrame::measuring;  ///< without a joint
+};
+
 struct DiagnosisOptions {
   bool try_readings = true;  ///< whether other readings of the data are tried
   /// The convention that converted the joint values, and others that the user may have meant. Other readings try them.
   std::optional<JointConvention> convention = std::nullopt;
   std::vector<JointConvention> other_conventions = {};
+  std::vector<OwnAlternative> alternatives = {};  ///< of the caller's own; they need `try_readings`
 };
 
 struct Configurations {

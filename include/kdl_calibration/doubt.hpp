@@ -40,6 +40,7 @@ enum class Cause {
   moved_target,
   joint_zero_changed,
   payload_changed,
+  own_alternative,
   orientations,
 
   joint_function,
@@ -97,7 +98,8 @@ enum class SubjectKind {
   joint,
   parameter,
   effect,
-  coordinate  ///< "x", "y" or "z" of the measured points
+  coordinate,  ///< "x", "y" or "z" of the measured points
+  alternative  ///< OwnAlternative::name
 };
 
 /// The name of the enumerator, as in the result file.

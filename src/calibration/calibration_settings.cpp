@@ -8,6 +8,7 @@
 
 #include "base/preconditions.hpp"
 #include "base/text.hpp"
+#include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -69,6 +70,9 @@ CalibrationSettings settings_of(const CalibrationOptions& options) {
   }
   for (const EffectGroup group : effects.groups) {
     require_index("the group of effects", static_cast<std::size_t>(group), kEffectGroups);
+    if (std::count(effects.groups.begin(), effects.groups.end(), group) > 1) {
+      throw OptionError("effects", std::string(to_string(group)) + " is named twice, expected each group once");
+    }
   }
   require_names(effects.own);
   if (options.estimator.iterations < 0 || options.estimator.iterations > kMostIterations) {

@@ -10,6 +10,7 @@
 #include "base/text.hpp"
 #include "calibration/doubts.hpp"
 #include "diagnosis/likely_mistake.hpp"
+#include "diagnosis/own_alternatives.hpp"
 #include "diagnosis/repeated_configurations.hpp"
 #include "estimation/identification.hpp"
 #include "measurements/readings.hpp"
@@ -40,11 +41,13 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
                                              .uncertainty = found.uncertainty.predicted.measured.rms,
                                              .stated = found.settings.noise.stated,
                                              .scale_sigma = found.settings.noise.scale_sigma,
+                                             .alternatives = task.options.alternatives,
                                              .threads = task.threads});
       search.detectable = std::move(likely.detectable);
       if (likely.mistake) {
         result.push_back(std::move(*likely.mistake));
       }
+      std::move(likely.own.begin(), likely.own.end(), std::back_inserter(result));
     }
     if (!has_single_coordinates(measurements)) {
       const std::vector<AlternativeReading> repeated = repeated_configurations(measurements);
@@ -61,6 +64,7 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
                           .uncertainty = found.uncertainty.predicted.measured.rms,
                           .stated = found.settings.noise.stated,
                           .scale_sigma = found.settings.noise.scale_sigma,
+                          .alternatives = task.options.alternatives,
                           .threads = task.threads});
 }
 
@@ -169,6 +173,8 @@ Diagnosis diagnose(const CalibrationResult& found, const Measurements& measureme
   ReadingSearch search = with_progress(task.progress, "trying other readings of the data",
                                        [&] { return readings(found, measurements, task); });
   result.alternative_readings = std::move(search.readings);
+  std::vector<AlternativeReading> left = untried(task.options.alternatives, result.alternative_readings);
+  std::move(left.begin(), left.end(), std::back_inserter(result.alternative_readings));
   result.detectable = std::move(search.detectable);
   result.findings = remaining_findings(result.alternative_readings, measurements, std::move(findings));
   result.doubts = doubts(found, result, measurements, task.parameters.model);

@@ -85,6 +85,7 @@ public:
   ReadingSearch verdict() {
     // Coarse mistakes first: if one explains the data, finer ones are meaningless.
     std::vector<DetectableMistake> detectable;
+    std::vector<AlternativeReading> own;
     try_displayed();
     if (readings_.empty()) {
       try_scale();
@@ -103,13 +104,16 @@ public:
                                             .uncertainty = options_.uncertainty,
                                             .stated = options_.stated,
                                             .scale_sigma = options_.scale_sigma,
+                                            .alternatives = options_.alternatives,
                                             .threads = options_.threads});
       detectable = std::move(found.detectable);
+      own = std::move(found.own);
       if (found.mistake) {
         readings_.push_back(std::move(*found.mistake));
       }
     }
     try_joint_functions();
+    readings_.insert(readings_.end(), own.begin(), own.end());
     const std::vector<AlternativeReading> repeated = repeated_configurations(measurements_);
     readings_.insert(readings_.end(), repeated.begin(), repeated.end());
     return {.readings = std::move(readings_), .detectable = std::move(detectable)};

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
 #include "estimation/identification.hpp"
 #include "estimation/registration.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -44,6 +46,7 @@ struct ReadingOptions {
   double uncertainty = 0.0;           ///< [m] see FitToDoubt
   NoiseModel stated = {};             ///< noise of the measurements
   double scale_sigma = 0.0;           ///< see FitToDoubt
+  std::span<const OwnAlternative> alternatives = {};
   int threads = 1;
 };
 

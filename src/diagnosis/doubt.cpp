@@ -8,7 +8,7 @@
 namespace kdl_calibration {
 namespace {
 
-constexpr std::array<std::pair<Cause, const char*>, 60> kCauses = {{
+constexpr std::array<std::pair<Cause, const char*>, 61> kCauses = {{
     {Cause::joint_convention, "joint_convention"},
     {Cause::joint_sign, "joint_sign"},
     {Cause::joint_unit, "joint_unit"},
@@ -29,6 +29,7 @@ constexpr std::array<std::pair<Cause, const char*>, 60> kCauses = {{
     {Cause::moved_target, "moved_target"},
     {Cause::joint_zero_changed, "joint_zero_changed"},
     {Cause::payload_changed, "payload_changed"},
+    {Cause::own_alternative, "own_alternative"},
     {Cause::orientations, "orientations"},
     {Cause::joint_function, "joint_function"},
     {Cause::same_configuration, "same_configuration"},
@@ -71,14 +72,15 @@ constexpr std::array<std::pair<Cause, const char*>, 60> kCauses = {{
     {Cause::uncertain_elsewhere, "uncertain_elsewhere"},
 }};
 
-constexpr std::array<std::pair<SubjectKind, const char*>, 7> kSubjectKinds = {
+constexpr std::array<std::pair<SubjectKind, const char*>, 8> kSubjectKinds = {
     {{SubjectKind::configuration, "configuration"},
      {SubjectKind::target, "target"},
      {SubjectKind::station, "station"},
      {SubjectKind::joint, "joint"},
      {SubjectKind::parameter, "parameter"},
      {SubjectKind::effect, "effect"},
-     {SubjectKind::coordinate, "coordinate"}}};
+     {SubjectKind::coordinate, "coordinate"},
+     {SubjectKind::alternative, "alternative"}}};
 
 template <class Names, class Value>
 const char* name_in(const Names& names, Value value) {

@@ -380,6 +380,9 @@ double Explanations::moved(const VectorXd& before, const AlternativeMotion& moti
   if (motion.of_robot.size() > 0) {
     after += fit_.predicted * (motion.of_robot * estimate);
   }
+  if (motion.of_points.size() > 0) {
+    after += motion.of_points * estimate;
+  }
   const double squares = motion.in_part ? std::max(before.squaredNorm(), after.squaredNorm()) : after.squaredNorm();
   return std::sqrt(3.0 * squares / static_cast<double>(fit_.predicted.rows()));
 }
@@ -424,6 +427,7 @@ std::optional<Detectable> Explanations::detectable(const AlternativeSums& sums, 
   const double size = std::sqrt(non_centrality(level, power, gain.rank, std::max(rest, 1.0)) / remaining[0]);
   AlternativeMotion missed = motion;
   missed.of_robot = -motion.of_robot;
+  missed.of_points = -motion.of_points;
   return Detectable{
       .estimate = size * least, .size = size, .moves = moved(size * fit_.predicted * step, missed, size * least)};
 }

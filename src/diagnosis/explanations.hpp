@@ -57,7 +57,9 @@ struct AlternativeSums {
 struct AlternativeMotion {
   /// Columns of J whose values the alternative changes, as combinations: columns x columns of C. Empty for a mistake in
   /// the measurement, which moves no robot.
-  Eigen::MatrixXd of_robot;
+  Eigen::MatrixXd of_robot = {};
+  /// [m] of the predicted points, where the alternative moves the arm by itself: 3 points x columns of C. Else empty.
+  Eigen::MatrixXd of_points = {};
   bool in_part = false;  ///< whether the robot has moved for only some of the rows: before and after are predicted
 };
 

@@ -10,8 +10,10 @@ namespace kdl_calibration {
 
 struct MistakeSearch {
   std::optional<AlternativeReading> mistake;
+  /// Of each alternative of the caller's own: a doubt or a remark. None where the fit leaves no misfit.
+  std::vector<AlternativeReading> own = {};
   /// Of the mistakes that were tried; of a change midway, one halfway through the rows.
-  std::vector<DetectableMistake> detectable;
+  std::vector<DetectableMistake> detectable = {};
 };
 
 /// The single mistake that explains the residuals, and the sizes of the errors, best, see Explanations. Tried are
@@ -23,7 +25,9 @@ struct MistakeSearch {
 /// significant among all trials of its kind and moves predictions in the measured ranges by more than the radius (95 %)
 /// that they would have without it. If there is none beside the effects of the result, one is sought instead of them:
 /// it must explain the measurements as well, for its number of unknowns. Where a single configuration explains more, it
-/// is left out first. At most 3,000 configurations are used, and 300 places of a change.
+/// is left out first. The alternatives of the caller's own are tried in the same way, each by itself; where one
+/// explains more than the mistake, the mistake is dropped, else it is a remark. At most 3,000 configurations are used,
+/// and 300 places of a change.
 MistakeSearch likely_mistake(const FitToDoubt& fit);
 
 }  // namespace kdl_calibration

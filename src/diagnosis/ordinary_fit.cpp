@@ -162,34 +162,40 @@ void OrdinaryFit::set_sizes() {
   }
 }
 
+// Whether W and the base are no single frame: predictions are then of the arm alone, along the axes of W.
+bool OrdinaryFit::has_arm_alone() const { return model_.has_undetermined_bases || estimate_.frames.bases.size() > 1; }
+
+// The points at all places, one after the other, in W.
+VectorXd OrdinaryFit::points_of(const ErrorModel& model, const Estimate& estimate) const {
+  const Eigen::Isometry3d X_WB = has_arm_alone() ? estimate_.frames.base() : estimate.frames.base();
+  const std::vector<TargetFrame>& targets = estimate.frames.targets;
+  VectorXd points(3 * std::ssize(targets) * places_.cols());
+  Index row = 0;
+  for (const Eigen::Isometry3d& X_BF : flange_poses(model, estimate, places_, signals_)) {
+    for (const TargetFrame& target : targets) {
+      points.segment<3>(row) = X_WB * X_BF * target.X_FT.translation();
+      row += 3;
+    }
+  }
+  return points;
+}
+
 // Predictions in the measured ranges. A torque is known only where it was measured.
 void OrdinaryFit::predict() {
   constexpr int kPredicted = 200;
   Random random(1);
   const bool measured = needs_torques(fit_.model);
   const Measurements sample = training_sample(rows_, kPredicted);
-  const MatrixXd places =
+  places_ =
       measured ? sample.joint_values : random_configurations(model_.joints, trained_ranges(rows_), kPredicted, random);
-  const DriveSignals signals = measured ? sample.signals : DriveSignals();
+  signals_ = measured ? sample.signals : DriveSignals();
   const PositionPredictor predictor(model_, estimate_, wide_);
-  const std::vector<Eigen::Isometry3d> here = flange_poses(model_, estimate_, places, signals);
-  const Estimate& result = fit_.estimate;
-  const std::vector<Eigen::Isometry3d> doubted = flange_poses(fit_.model, result, places, signals);
-  // Of the arm alone, along the axes of W, where W and the base are no single frame: as the predictor does.
-  const bool alone = model_.has_undetermined_bases || estimate_.frames.bases.size() > 1;
-  const Eigen::Isometry3d X_WB = estimate_.frames.base();
-  const Eigen::Isometry3d X_WB_doubted = alone ? X_WB : result.frames.base();
-  const std::size_t targets = estimate_.frames.targets.size();
-  linear_.predicted = MatrixXd(3 * static_cast<Index>(targets) * places.cols(), wide_.size());
-  linear_.offset = VectorXd(linear_.predicted.rows());
+  linear_.offset = points_of(model_, estimate_) - points_of(fit_.model, fit_.estimate);
+  linear_.predicted = MatrixXd(linear_.offset.size(), wide_.size());
   Index row = 0;
-  for (std::size_t c = 0; c < here.size(); ++c) {
-    const auto place = static_cast<Index>(c);
-    const auto jacobians = predictor.jacobians(places.col(place), column(signals, place));
-    for (std::size_t k = 0; k < targets; ++k) {
-      linear_.predicted.middleRows<3>(row) = jacobians[k];
-      linear_.offset.segment<3>(row) = X_WB * here[c] * estimate_.frames.targets[k].X_FT.translation() -
-                                       X_WB_doubted * doubted[c] * result.frames.targets[k].X_FT.translation();
+  for (Index place = 0; place < places_.cols(); ++place) {
+    for (const auto& jacobian : predictor.jacobians(places_.col(place), column(signals_, place))) {
+      linear_.predicted.middleRows<3>(row) = jacobian;
       row += 3;
     }
   }
@@ -335,6 +341,57 @@ MatrixXd OrdinaryFit::disturbed(const Disturbance& disturb) const {
     disturb(observation, predicted_point(estimate_, X_BF, observation), kStep);
   }
   return (turned(whitened(rows, {}).residual) - linear_.residual) / kStep;
+}
+
+const Eigen::Isometry3d& OrdinaryFit::base_of(const Observation& row) const {
+  return estimate_.frames.base(station_of(row));
+}
+
+OrdinaryFit::EffectColumns OrdinaryFit::of_effects(const std::vector<EffectTerm>& terms) const {
+  constexpr double kStep = 1e-4;  // of a motion
+  ErrorModel model = model_;
+  model.effects.insert(model.effects.end(), terms.begin(), terms.end());
+  Estimate estimate = estimate_;
+  estimate.effects = VectorXd::Zero(std::ssize(model.effects));
+  estimate.effects.head(estimate_.effects.size()) = estimate_.effects;
+  const Unknowns unknowns = Unknowns(model, estimate.frames.targets, {}).with_group(model, UnknownGroup::effects);
+  const MatrixXd all =
+      LeastSquaresProblem(model, rows_, unknowns, options_).whitened(estimate).jacobian.topRows(blocks_.back());
+  EffectColumns result{.rows = MatrixXd(all.rows(), std::ssize(terms)),
+                       .points = MatrixXd(linear_.offset.size(), std::ssize(terms))};
+  const VectorXd here = points_of(model, estimate);
+  for (Index i = 0; i < std::ssize(terms); ++i) {
+    const auto effect = static_cast<std::size_t>(estimate_.effects.size() + i);
+    result.rows.col(i) = all.col(*unknowns.column(UnknownGroup::effects, effect));
+    Estimate moved = estimate;
+    moved.effects[static_cast<Index>(effect)] = kStep;
+    result.points.col(i) = (points_of(model, moved) - here) / kStep;
+  }
+  turn(result.rows);
+  return result;
+}
+
+VectorXd OrdinaryFit::at_points(const Eigen::Matrix3Xd& displacements) const {
+  const Index targets = std::ssize(estimate_.frames.targets);
+  const Eigen::Matrix3Xd in_W = estimate_.frames.base().linear() * displacements;
+  VectorXd points(3 * targets * in_W.cols());
+  for (Index i = 0; i < targets * in_W.cols(); ++i) {
+    points.segment<3>(3 * i) = in_W.col(i / targets);
+  }
+  return points;
+}
+
+std::vector<Index> OrdinaryFit::columns_of_result() const {
+  const std::size_t effects = fit_.beside_effects ? fit_.model.effects.size() : 0;
+  std::vector<Index> result;
+  for (Index column = 0; column < wide_.size(); ++column) {
+    const Unknown& unknown = wide_.columns()[static_cast<std::size_t>(column)];
+    const bool is_added = unknown.group == UnknownGroup::effects && unknown.index >= effects;
+    if (!is_added && linear_.sizes[column] > 0.0) {
+      result.push_back(column);
+    }
+  }
+  return result;
 }
 
 double OrdinaryFit::misfit_without_effects(Index columns) const {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "estimation/linear_system.hpp"
 #include "estimation/residual_options.hpp"
 #include "estimation/unknowns.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/measurements.hpp"
 #include "kdl_calibration/noise_model.hpp"
@@ -30,8 +32,9 @@ struct FitToDoubt {
   double uncertainty = 0.0;           ///< [m] 3D 1 sigma of predictions, from the parameters alone
   NoiseModel stated = {};             ///< noise of the measurements
   double scale_sigma = 0.0;           ///< of a factor on all lengths: what is in every uncertainty is no mistake
-  bool beside_effects = true;         ///< false: the effects of the model are doubted as well, and not held as ordinary
-  int threads = 1;                    ///< 0: one per core; the answer does not depend on it
+  std::span<const OwnAlternative> alternatives = {};
+  bool beside_effects = true;  ///< false: the effects of the model are doubted as well, and not held as ordinary
+  int threads = 1;             ///< 0: one per core; the answer does not depend on it
 };
 
 /// Every geometric error, also those that would part kept axes, sag under gravity and gain has an ordinary size, the
@@ -81,8 +84,25 @@ public:
   /// ones would explain their noise.
   Eigen::MatrixXd disturbed(const Disturbance& disturb) const;
 
+  /// The base in the measuring frame of the row's station.
+  const Eigen::Isometry3d& base_of(const Observation& row) const;
+  /// The derivatives by further effects of the model, one column for each: of the rows, and of the predicted points.
+  struct EffectColumns {
+    Eigen::MatrixXd rows;
+    Eigen::MatrixXd points;
+  };
+  EffectColumns of_effects(const std::vector<EffectTerm>& terms) const;
+  /// Joint values of the places where predictions are looked at.
+  const Eigen::MatrixXd& places() const { return places_; }
+  /// Displacements of the flange there in the base frame, 3 x places, as those of the predicted points.
+  Eigen::VectorXd at_points(const Eigen::Matrix3Xd& displacements) const;
+  /// The columns of J that the result itself has: frames that are not stated, geometry and its effects.
+  std::vector<Eigen::Index> columns_of_result() const;
+
 private:
   WhitenedSystem whitened(const Measurements& rows, const Unknowns& unknowns) const;
+  bool has_arm_alone() const;
+  Eigen::VectorXd points_of(const ErrorModel& model, const Estimate& estimate) const;
   void linearise();
   void set_sizes();
   void predict();
@@ -102,6 +122,8 @@ private:
   std::vector<Eigen::Index> split_;  // points of each configuration that is split into strata, else 0
   double points_ = 0.0;
   double misfit_ = 0.0;
+  Eigen::MatrixXd places_;
+  DriveSignals signals_;  // there
   LinearisedFit linear_;
 };
 

@@ -204,9 +204,13 @@ std::string in_words(const Ref<const VectorXd>& q) {
 }  // namespace
 
 MatrixXd own_columns(const std::string& effect, const OwnColumns& columns, const MatrixXd& joint_values) {
+  return checked_columns("effects.own: " + effect, columns, joint_values);
+}
+
+MatrixXd checked_columns(const std::string& what, const OwnColumns& columns, const MatrixXd& joint_values) {
   MatrixXd values = columns(joint_values);
-  const auto fail = [&](const std::string& what, const std::string& expected) {
-    throw InputError("effects.own: " + effect + " gives " + what + ", expected " + expected);
+  const auto fail = [&](const std::string& given, const std::string& expected) {
+    throw InputError(what + " gives " + given + ", expected " + expected);
   };
   const Index count = joint_values.cols();
   if (values.rows() != count || values.cols() == 0) {
@@ -219,6 +223,23 @@ MatrixXd own_columns(const std::string& effect, const OwnColumns& columns, const
     }
   }
   return values;
+}
+
+MatrixXd columns_by_row(const std::string& what, const OwnColumns& function, const MatrixXd& joint_values) {
+  constexpr double kSame = 1e-9;
+  MatrixXd columns = checked_columns(what, function, joint_values);
+  if (joint_values.cols() == 0) {
+    return columns;
+  }
+  for (const Index c : {Index{0}, joint_values.cols() - 1}) {
+    const MatrixXd alone = checked_columns(what, function, joint_values.col(c));
+    if (alone.cols() != columns.cols() || !((alone.row(0) - columns.row(c)).norm() <= kSame * columns.norm())) {
+      throw InputError(what +
+                       " gives other values at one configuration than among all, expected a function of the joint "
+                       "values of each alone");
+    }
+  }
+  return columns;
 }
 
 VectorXd own_values(const OwnFunction& own, const MatrixXd& columns) {

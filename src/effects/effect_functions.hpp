@@ -52,6 +52,12 @@ Eigen::VectorXd raw_values(const ErrorModel& model, const EffectTerm& term, cons
 /// All columns of the caller's own function: N x K for joint values joints x N. Throws InputError for another number of
 /// rows, no column, and values that are not finite.
 Eigen::MatrixXd own_columns(const std::string& effect, const OwnColumns& columns, const Eigen::MatrixXd& joint_values);
+/// The same of any function; `what` names it in messages: "effects.own: droop".
+Eigen::MatrixXd checked_columns(const std::string& what, const OwnColumns& columns,
+                                const Eigen::MatrixXd& joint_values);
+/// The same. Throws InputError if a row depends on the others, such as on their mean: it would be another one in every
+/// prediction.
+Eigen::MatrixXd columns_by_row(const std::string& what, const OwnColumns& columns, const Eigen::MatrixXd& joint_values);
 /// The function's own column of them.
 Eigen::VectorXd own_values(const OwnFunction& own, const Eigen::MatrixXd& columns);
 

@@ -271,22 +271,6 @@ std::vector<EffectTerm> distinguishable_terms(const ErrorModel& model, const std
   return kept;
 }
 
-// The columns at these configurations. Throws InputError if a row depends on the others, such as on their mean: it
-// would be another one in every prediction.
-MatrixXd columns_by_row(const OwnEffect& own, const MatrixXd& joint_values) {
-  constexpr double kSame = 1e-9;
-  MatrixXd columns = own_columns(own.name, own.columns, joint_values);
-  for (const Index c : {Index{0}, joint_values.cols() - 1}) {
-    const MatrixXd alone = own_columns(own.name, own.columns, joint_values.col(c));
-    if (alone.cols() != columns.cols() || !((alone.row(0) - columns.row(c)).norm() <= kSame * columns.norm())) {
-      throw InputError("effects.own: " + own.name +
-                       " gives other values at one configuration than among all, expected a function of the joint "
-                       "values of each alone");
-    }
-  }
-  return columns;
-}
-
 // Where a column is lowest and highest, and up to 30 more places that are spread over the others.
 OwnValues telling_values(const MatrixXd& joint_values, const MatrixXd& columns) {
   constexpr Index kPlaces = 30;
@@ -364,7 +348,7 @@ std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own,
     throw InputError("effects.own: " + own.name + " moves " + own.joint + ", expected a moving joint of the robot");
   }
   const auto joint = static_cast<std::size_t>(found - model.joints.begin());
-  const MatrixXd columns = columns_by_row(own, joint_values);
+  const MatrixXd columns = columns_by_row("effects.own: " + own.name, own.columns, joint_values);
   const auto fitted = std::make_shared<const OwnValues>(telling_values(joint_values, columns));
   std::vector<EffectTerm> all;
   for (Index column = 0; column < columns.cols(); ++column) {

@@ -77,6 +77,9 @@ std::optional<std::size_t> station_named(const ErrorModel& model, const std::str
     return std::nullopt;
   }
   const auto found = std::find(model.stations.begin(), model.stations.end(), name);
+  if (!model.has_undetermined_bases && model.stations == std::vector{name}) {
+    return std::nullopt;  // the only one, by its name
+  }
   if (!model.has_undetermined_bases || found == model.stations.end()) {
     refuse_input("station " + shown(name) + " was not measured", model.has_undetermined_bases
                                                                      ? "one of " + comma_separated(model.stations)

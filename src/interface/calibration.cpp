@@ -1,5 +1,6 @@
 #include "kdl_calibration/calibration.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -9,6 +10,7 @@
 #include "base/text.hpp"
 #include "calibration/calibrate.hpp"
 #include "calibration/new_point.hpp"
+#include "diagnosis/own_alternatives.hpp"
 #include "effects/joint_effects.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/calibrate.hpp"
@@ -158,6 +160,24 @@ void require_as_parsed(const Robot& robot) {
   }
 }
 
+void require_one_split(const Measurements& measurements) {
+  std::vector<const Observation*> first(measurements.configurations.size(), nullptr);
+  for (std::size_t row = 0; row < measurements.observations.size(); ++row) {
+    const Observation& observation = measurements.observations[row];
+    const auto configuration = static_cast<std::size_t>(observation.configuration);
+    if (configuration >= first.size()) {
+      return;  // which check() refuses
+    }
+    if (first[configuration] == nullptr) {
+      first[configuration] = &observation;
+    } else if (first[configuration]->split != observation.split) {
+      refuse_input(fmt::format("{}: configuration {} has train and test rows (observation {})", measurements.source,
+                               shown(measurements.configurations[configuration]), row),
+                   "one of both in all of its rows");
+    }
+  }
+}
+
 void require_same_robot(const Robot& robot, const Calibration& calibration) {
   require_urdf(robot);
   if (hash_of(robot) != calibration.parts().robot) {
@@ -250,12 +270,14 @@ void require_circumstances(const Measurements& measurements, const std::vector<E
 
 CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
   require_as_parsed(robot);
+  require_one_split(measurements);
   require_circumstances(measurements, options.priors.earlier != nullptr ? options.priors.earlier->parts().model.effects
                                                                         : std::vector<EffectTerm>());
   const KeptAxes kept = kept_axes(options);
   ErrorModel model = complete_model(robot, kept);
   model.gravity = unit_vector(options.effects.gravity_direction);
   require_conventions(options.diagnosis, model.joints);
+  require_alternatives(options.diagnosis, model, measurements);
   require_finite("effects.payload_centre", options.effects.payload_centre.allFinite());
   const Eigen::Vector3d& centre = options.effects.payload_centre;
   model.payload_centre = {centre.x(), centre.y(), centre.z()};
@@ -324,6 +346,10 @@ Calibration Calibration::at(const Circumstances& circumstances) const {
     }
     if (!std::isfinite(value)) {
       refuse_input(std::string(to_string(which)) + ": not finite", "a number");
+    }
+    const auto [least, most] = possible_range(which);
+    if (!(value >= least && value <= most)) {
+      refuse_input(fmt::format("{}: {} is impossible", to_string(which), value), fmt::format("{} to {}", least, most));
     }
     if (!depend_on(parts.model.effects, which)) {
       refuse_input(std::string(to_string(which)) + ": no effect of this calibration depends on it", "none");

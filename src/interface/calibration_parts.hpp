@@ -20,6 +20,8 @@ void require_joint_values(const Eigen::Ref<const Eigen::VectorXd>& q, const std:
 std::string hash_of(const Measurements& measurements);
 /// Throws InputError if the joints are not those of the URDF text: errors would go into a text that they do not fit.
 void require_as_parsed(const Robot& robot);
+/// Throws InputError if a configuration has train and test rows: what is known of the one is no test of the other.
+void require_one_split(const Measurements& measurements);
 /// Throws InputError if a temperature or payload that effects depend on is not stated, or not of each configuration.
 void require_circumstances(const Measurements& measurements, const std::vector<EffectTerm>& effects);
 /// Throws InputError if the calibration is one of another robot.

@@ -12,6 +12,7 @@
 
 #include "calibration/distance_zero.hpp"
 #include "diagnosis/alternative_readings.hpp"
+#include "diagnosis/own_alternatives.hpp"
 #include "estimation/input_check.hpp"
 #include "estimation/prediction.hpp"
 #include "estimation/residual_options.hpp"
@@ -62,22 +63,27 @@ std::vector<std::string> warnings_of(const Measurements& measurements, const Reg
 // Adds the doubts and warnings by other readings of the registered rows.
 void try_readings(ErrorModel model, const Measurements& rows, const Estimate& estimate, const ReadingOptions& options,
                   PositionErrors& errors) {
+  const auto add = [&](const AlternativeReading& reading) {
+    if (reading.doubt) {
+      errors.doubts.push_back(reading.as_doubt());
+    } else {
+      errors.warnings.push_back(reading.message);
+    }
+  };
   if (!are_points_of_one_station(rows)) {
     errors.warnings.push_back(std::string("other readings of the data were not tried (") +
                               (has_single_coordinates(rows) ? "single coordinates)" : "several stations)"));
     return;
   }
   model.has_undetermined_bases = false;  // a rotation that the points do not determine stays as registered
-  for (const AlternativeReading& reading : alternative_readings_of_nominal(model, rows, estimate, options)) {
-    if (reading.cause == Cause::joint_function) {  // normal for a robot that is not calibrated
-      continue;
-    }
-    if (reading.doubt) {
-      errors.doubts.push_back(reading.as_doubt());
-    } else {
-      errors.warnings.push_back(reading.message);
+  const std::vector<AlternativeReading> all = alternative_readings_of_nominal(model, rows, estimate, options);
+  for (const AlternativeReading& reading : all) {
+    if (reading.cause != Cause::joint_function) {  // normal for a robot that is not calibrated
+      add(reading);
     }
   }
+  const std::vector<AlternativeReading> left = untried(options.alternatives, all);
+  std::for_each(left.begin(), left.end(), add);
 }
 
 // The zero of an instrument for distances, beside base and targets.
@@ -99,11 +105,13 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
                          const DiagnosisOptions& diagnosis) {
   constexpr double kAbsurd = 0.1;  // of the arm's length: 3 degrees in every joint leave half of that
   require_conventions(diagnosis, arm.model.joints);
+  require_one_split(measurements);
   const Measurements all_rows = rows_to_register(measurements);
   const TrainingRows train(all_rows);
   const ErrorModel model = model_at_stations(*train, arm.model);
   check(measurements, model);
   check(known, measurements);
+  require_alternatives(diagnosis, model, measurements);
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model, arm.estimate, measurements);
   RegisteredErrors found = registered_errors(X_BF, measurements, all_rows, known);
   const double zero = distance_zero(
@@ -139,7 +147,8 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
     try_readings(model, rows, estimate,
                  {.registration = {.known = known},
                   .used = diagnosis.convention ? &*diagnosis.convention : nullptr,
-                  .others = diagnosis.other_conventions},
+                  .others = diagnosis.other_conventions,
+                  .alternatives = diagnosis.alternatives},
                  errors);
   }
   if (errors.doubts.empty() && registration.rms > kAbsurd * arm_length(model)) {

@@ -41,6 +41,10 @@ bool has_torques(const DriveSignals& signals, Index joint) {
   return signals.torques.size() > 0 && !signals.torques.row(joint).array().isNaN().all();
 }
 
+std::pair<double, double> possible_range(Circumstance circumstance) {
+  return circumstance == Circumstance::temperature ? std::pair{-273.15, 1000.0} : std::pair{0.0, 1e5};
+}
+
 std::string fault_of(const DriveSignals& signals, const MatrixXd& joint_values, const std::string& what) {
   const auto size = [](const MatrixXd& matrix) { return fmt::format("{} x {}", matrix.rows(), matrix.cols()); };
   for (const auto& [name, values] :
@@ -60,9 +64,8 @@ std::string fault_of(const DriveSignals& signals, const MatrixXd& joint_values, 
     return size(around) + " circumstances" + what + ", expected 2 x " + std::to_string(joint_values.cols()) +
            ", temperature and payload of each configuration";
   }
-  constexpr std::array<std::pair<double, double>, kCircumstances> kPossible = {{{-273.15, 1000.0}, {0.0, 1e5}}};
   for (Index row = 0; row < around.rows(); ++row) {
-    const auto [least, most] = kPossible[static_cast<std::size_t>(row)];
+    const auto [least, most] = possible_range(static_cast<Circumstance>(row));
     if ((around.row(row).array() < least).any() || (around.row(row).array() > most).any()) {
       return std::string("an impossible ") + to_string(static_cast<Circumstance>(row)) + what +
              fmt::format(", expected {} to {} and NaN where none is known", least, most);

@@ -30,6 +30,9 @@ bool is_stated(const DriveSignals& signals, Circumstance circumstance);
 /// Whether the joint's torque was measured in some configuration.
 bool has_torques(const DriveSignals& signals, Eigen::Index joint);
 
+/// Least and largest possible value [degC or kg].
+std::pair<double, double> possible_range(Circumstance circumstance);
+
 /// Error message if the signals do not fit the joint values (joints x N), naming `what` they belong to; empty if they
 /// fit.
 std::string fault_of(const DriveSignals& signals, const Eigen::MatrixXd& joint_values, const std::string& what = "");

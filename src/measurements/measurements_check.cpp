@@ -89,6 +89,13 @@ void require_sound(const Measurements& measurements, std::size_t row) {
   if (!std::isfinite(observation.sigma) || observation.sigma < 0.0) {
     refuse_row("sigma is negative or not finite, expected 0 where none is stated");
   }
+  if (observation.sigma > 0.0 && observation.sigma < kSmallestSigma) {
+    refuse_row(fmt::format("a sigma of {} m, expected at least {} m, or 0 where none is stated", observation.sigma,
+                           kSmallestSigma));
+  }
+  if (observation.repeat < 0) {
+    refuse_row(fmt::format("repeat {}, expected 0 or more", observation.repeat));
+  }
   if (observation.order.has_value() != measurements.observations.front().order.has_value()) {
     refuse_row("some rows have a place in the order and others have none, expected it in all or in none");
   }

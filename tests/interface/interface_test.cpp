@@ -473,6 +473,14 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
     crowded.targets.push_back(crowd.back().name);
     roaming.stations.push_back(crowd.back().name);
   }
+  Measurements mixed = data;
+  mixed.observations[1].split = mixed.observations[0].split == Split::test ? Split::train : Split::test;
+  Measurements fine = data;
+  fine.observations[2].sigma = 1e-20;
+  Measurements before_all = data;
+  before_all.observations[2].repeat = -1;
+  CalibrationOptions group_twice;
+  group_twice.effects.groups = {EffectGroup::gain, EffectGroup::gravity, EffectGroup::gain};
   const JointConvention none;
   const std::string with_nul("r.json\0.json", 12);
   const MeasuringPlan no_plan;
@@ -584,6 +592,13 @@ TEST_F(InterfaceFiles, EveryFunctionRefusesWhatDoesNotFit) {
       {"configurations, no joints", [] { parse_configurations("1\n", std::vector<std::string>()); }, "0 moving joints"},
       {"load, default robot", [&] { load_calibration(file("r.json"), Robot()); }, "the robot is empty"},
       {"urdf, default robot", [&] { calibrated_urdf(Robot(), c); }, "the robot is empty"},
+      {"calibrate, mixed", [&] { calibrate(fanuc(), mixed); },
+       "has train and test rows (observation 1), expected one of both"},
+      {"validate, mixed", [&] { validate(fanuc(), mixed); }, "has train and test rows"},
+      {"calibrate, fine", [&] { calibrate(fanuc(), fine); }, "observation 2: a sigma of 1e-20 m, expected at least"},
+      {"validate, fine", [&] { validate(c, fine); }, "observation 2: a sigma of 1e-20 m"},
+      {"calibrate, repeat", [&] { calibrate(fanuc(), before_all); }, "observation 2: repeat -1, expected 0 or more"},
+      {"calibrate, group twice", [&] { calibrate(fanuc(), data, group_twice); }, "gain is named twice"},
       {"calibrate, crowd", [&] { calibrate(fanuc(), crowded); }, "targets, expected at most 100"},
       {"calibrate, stations", [&] { calibrate(fanuc(), roaming); }, "102 stations, expected at most 100"},
       {"validate, crowd", [&] { validate(fanuc(), crowded); }, "targets, expected at most 100"},
