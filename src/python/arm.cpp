@@ -4,7 +4,10 @@
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
+
 #include "base/parallel.hpp"
+#include "base/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "python/arm.hpp"
 #include "python/arrays.hpp"
@@ -22,6 +25,18 @@ PredictionFrame frame_named(const std::string& name) {
     throw InputError("frame: '" + name + "', expected 'base' or 'measuring'");
   }
   return name == "base" ? PredictionFrame::base : PredictionFrame::measuring;
+}
+
+// What a prediction of a row would refuse.
+void require_names(const CalibratedArm& arm, const PredictionQuery& query, PredictionFrame frame) {
+  const std::vector<std::string> targets = arm.targets();
+  if (std::find(targets.begin(), targets.end(), query.target) == targets.end()) {
+    throw InputError("target " + shown(query.target) + " was not calibrated, expected one of " +
+                     comma_separated(targets));
+  }
+  if (frame == PredictionFrame::measuring || !query.station.empty()) {
+    arm.base(query.station);
+  }
 }
 
 py::object named_tuple(const char* name, const char* fields) {
@@ -55,6 +70,9 @@ void for_each_row(const Rows& rows, int threads, const std::function<void(std::s
 py::tuple predictions(const CalibratedArm& arm, const PredictionQuery& query) {
   const Rows q(query.q, arm.joints().size(), "q");
   const PredictionFrame frame = frame_named(query.frame);
+  if (q.count() == 0) {
+    require_names(arm, query, frame);
+  }
   Doubles position(q.shape_with({3}));
   Doubles covariance(q.shape_with({3, 3}));
   Doubles radius_95(q.shape_with({}));

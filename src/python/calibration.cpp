@@ -3,12 +3,12 @@
 #include "kdl_calibration/calibration.hpp"
 
 #include <pybind11/stl.h>
-#include <pybind11/stl/filesystem.h>
 
 #include <fmt/core.h>
 #include <cmath>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include "base/whole_files.hpp"
 #include "kdl_calibration/calibrate.hpp"
@@ -20,7 +20,9 @@
 #include "python/arm.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
+#include "python/file_names.hpp"
 #include "python/interruptible.hpp"
+#include "python/keywords.hpp"
 #include "python/options.hpp"
 
 namespace kdl_calibration::python {
@@ -55,6 +57,11 @@ FoundPointer calibrated(const std::shared_ptr<Robot>& robot, const std::shared_p
                         const py::kwargs& keywords) {
   const GivenCalibrationOptions stated = calibration_options(keywords);
   const std::shared_ptr<const Measurements> measurements = named(given, *robot);
+  if (const int folds = stated.options.validation.k_fold;
+      std::cmp_greater(folds, measurements->configurations.size())) {
+    throw InputError(fmt::format("validation.k_fold: {} folds of {} configurations, expected at most as many", folds,
+                                 measurements->configurations.size()));
+  }
   Calibration calibration = interruptible([&](Interruption& interruption) {
     CalibrationOptions options = stated.options;
     options.progress = progress_hook<const std::string&, std::size_t, std::size_t>(stated.progress, interruption);
@@ -208,7 +215,8 @@ void bind_verdict(FoundClass& type) {
           "remarks", [](const Found& f) { return f.calibration.remarks(); },
           "Worth knowing, but no reason to distrust it: a list of Doubt.")
       .def_property_readonly(
-          "warnings", [](const Found& f) { return f.calibration.warnings(); }, "The messages of the remarks.")
+          "warnings", [](const Found& f) { return message_texts(f.calibration.warnings()); },
+          "The messages of the remarks.")
       .def_property_readonly("accuracy", [](const Found& f) { return f.calibration.accuracy(); })
       .def_property_readonly("robot", [](const Found& f) { return std::const_pointer_cast<Robot>(f.robot); })
       .def_property_readonly(

@@ -98,12 +98,16 @@ void bind_compensation(py::module_& module) {
       .def(
           "solve_poses",
           [type](const Compensating& self, const py::object& poses, const py::object& seed, int threads) {
+            if (seed.is_none()) {
+              throw py::type_error("seed: none, expected nominal joint values near the poses, (N, " +
+                                   std::to_string(self.joints) + ") or (" + std::to_string(self.joints) + ",)");
+            }
             const Rows seeds(seed, self.joints, "seed");
             const std::vector<Eigen::Isometry3d> X_BF = poses_of(poses, seeds);
             return type(*compensated(seeds, threads,
                                      [&](std::size_t i) { return self.compensator.solve(X_BF[i], seeds.row(i)); }));
           },
-          "X_BF"_a, "seed"_a, "threads"_a = 0,
+          "X_BF"_a, "seed"_a = py::none(), "threads"_a = 0,
           "The same for poses of the flange in the base frame, (N, 4, 4) or (4, 4), and nominal joint values near\n"
           "them, (N, n) or (n,).")
       .def(

@@ -6,6 +6,8 @@
 #include "kdl_calibration/accuracy.hpp"
 #include "kdl_calibration/doubt.hpp"
 #include "python/bindings.hpp"
+#include "python/file_names.hpp"
+#include "python/keywords.hpp"
 
 namespace kdl_calibration::python {
 namespace {
@@ -26,6 +28,8 @@ py::dict figures_of(const Doubt& doubt) {
   return figures;
 }
 
+py::object message_of(const Doubt& doubt) { return message_text(in_keywords(doubt.message)); }
+
 std::string statistics_text(const ErrorStatistics& errors) {
   return fmt::format("<ErrorStatistics of {}: rms {:.3g} m, mean {:.3g} m, p95 {:.3g} m, max {:.3g} m>", errors.count,
                      errors.rms, errors.mean, errors.p95, errors.max);
@@ -40,10 +44,10 @@ void bind_doubts(py::module_& module) {
           "A word, as in the result file: 'not_determined'.")
       .def_property_readonly("subjects", &subjects_of, "What it concerns: a list of (kind, name).")
       .def_property_readonly("figures", &figures_of, "Numbers that were found, by name, in SI units.")
-      .def_readonly("message", &Doubt::message, "What was found and what to do.")
-      .def("__str__", [](const Doubt& doubt) { return doubt.message; })
+      .def_property_readonly("message", &message_of, "What was found and what to do.")
+      .def("__str__", &message_of)
       .def("__repr__", [](const Doubt& doubt) {
-        return "<Doubt " + std::string(to_string(doubt.cause)) + ": " + doubt.message + ">";
+        return message_text("<Doubt " + std::string(to_string(doubt.cause)) + ": " + in_keywords(doubt.message) + ">");
       });
 
   py::class_<ErrorStatistics>(module, "ErrorStatistics", "Statistics of 3D position errors [m].")

@@ -3,7 +3,6 @@
 #include "kdl_calibration/measurements.hpp"
 
 #include <pybind11/stl.h>
-#include <pybind11/stl/filesystem.h>
 
 #include <limits>
 #include <utility>
@@ -13,6 +12,7 @@
 #include "measurements/training_rows.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
+#include "python/file_names.hpp"
 
 namespace kdl_calibration::python {
 
@@ -185,7 +185,8 @@ std::shared_ptr<const Measurements> named(const std::shared_ptr<const Measuremen
 
 void bind_measurements(py::module_& module) {
   py::class_<Measurements, std::shared_ptr<Measurements>>(module, "Measurements", "Measured points of targets.")
-      .def_readonly("source", &Measurements::source, "File name, for messages.")
+      .def_property_readonly(
+          "source", [](const Measurements& m) { return file_name(m.source); }, "File name, for messages.")
       .def_readonly("joints", &Measurements::joints, "Names of the n joints; empty: those of the robot.")
       .def_readonly("configurations", &Measurements::configurations, "N labels.")
       .def_readonly("targets", &Measurements::targets)
@@ -209,12 +210,13 @@ void bind_measurements(py::module_& module) {
             if (m.joints.empty()) {
               written.joints = numbered_joints(m.joint_values.rows());
             }
-            return py::make_tuple(measurements_csv(written), written.joints, m.source, m.joints.empty(), m.remark);
+            return py::make_tuple(measurements_csv(written), written.joints, file_name(m.source), m.joints.empty(),
+                                  m.remark);
           },
           [](const py::tuple& state) {
             auto m = std::make_shared<Measurements>(parse_measurements(state[0].cast<std::string>(),
                                                                        state[1].cast<std::vector<std::string>>(),
-                                                                       nullptr, state[2].cast<std::string>()));
+                                                                       nullptr, bytes_of_name(state[2])));
             if (state[3].cast<bool>()) {
               m->joints.clear();
             }

@@ -2,14 +2,15 @@
 
 #include <fmt/core.h>
 #include <pybind11/stl.h>
-#include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
 #include <functional>
 #include <type_traits>
 #include <utility>
 
+#include "kdl_calibration/input_error.hpp"
 #include "python/arrays.hpp"
+#include "python/file_names.hpp"
 
 namespace kdl_calibration::python {
 namespace {
@@ -216,28 +217,36 @@ Members::Reader groups_into(std::vector<EffectGroup>& into) {
   };
 }
 
-// A function of joint values (N, n) that gives (N,) or (N, K), called from any thread.
-OwnColumns columns_by(const py::handle& given, const std::string& where) {
+// A function of the caller's own, called from any thread.
+std::shared_ptr<const py::object> shared_function(const py::handle& given, const std::string& where) {
   if (PyCallable_Check(given.ptr()) == 0) {
     throw py::type_error(where + ": " + std::string(py::repr(given)) + ", expected a function of joint values (N, n)");
   }
-  const std::shared_ptr<const py::object> function(new py::object(py::reinterpret_borrow<py::object>(given)),
-                                                   [](const py::object* object) {
-                                                     const py::gil_scoped_acquire lock;
-                                                     delete object;  // NOLINT(cppcoreguidelines-owning-memory)
-                                                   });
+  return {new py::object(py::reinterpret_borrow<py::object>(given)), [](const py::object* object) {
+            const py::gil_scoped_acquire lock;
+            delete object;  // NOLINT(cppcoreguidelines-owning-memory)
+          }};
+}
+
+// N x K of an array (N,) or (N, K).
+Eigen::MatrixXd rows_of_columns(const Doubles& values, const std::string& where) {
+  if (values.ndim() != 1 && values.ndim() != 2) {
+    throw py::value_error(where + ": an array of shape " + std::string(py::str(values.attr("shape"))) +
+                          ", expected (N,) or (N, K)");
+  }
+  const py::ssize_t columns = values.ndim() == 2 ? values.shape(1) : 1;
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  return Eigen::Map<const RowMajor>(values.data(), values.shape(0), columns);
+}
+
+// Of joint values (N, n), which gives (N,) or (N, K).
+OwnColumns columns_by(const py::handle& given, const std::string& where) {
+  const std::shared_ptr<const py::object> function = shared_function(given, where);
   return [function, where](const Eigen::MatrixXd& joint_values) -> Eigen::MatrixXd {
     const py::gil_scoped_acquire lock;
     Doubles q({joint_values.cols(), joint_values.rows()});
     std::copy_n(joint_values.data(), joint_values.size(), q.mutable_data());
-    const Doubles values = doubles((*function)(q), where);
-    if (values.ndim() != 1 && values.ndim() != 2) {
-      throw py::value_error(where + ": an array of shape " + std::string(py::str(values.attr("shape"))) +
-                            ", expected (N,) or (N, K)");
-    }
-    const py::ssize_t columns = values.ndim() == 2 ? values.shape(1) : 1;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    return Eigen::Map<const RowMajor>(values.data(), values.shape(0), columns);
+    return rows_of_columns(doubles((*function)(q), where), where);
   };
 }
 
@@ -270,8 +279,98 @@ Members::Reader structure(Members members) {
       [members = std::move(members)](const py::handle& given, const std::string& where) { members.read(given, where); };
 }
 
+// Calls a function of joint values with (N, n). What it raises becomes the cause of an InputError that names it.
+Doubles called(const py::object& function, const Eigen::MatrixXd& joint_values, const std::string& where) {
+  Doubles q({joint_values.cols(), joint_values.rows()});
+  std::copy_n(joint_values.data(), joint_values.size(), q.mutable_data());
+  try {
+    return doubles(function(q), where);
+  } catch (py::error_already_set& error) {
+    if (!error.matches(PyExc_Exception)) {
+      throw;
+    }
+    const std::string kind = py::str(error.type().attr("__name__"));
+    const std::string message = where + " raised " + kind + ": " + std::string(py::str(error.value()));
+    py::raise_from(error, py::module_::import("kdl_calibration").attr("InputError").ptr(), message.c_str());
+    throw py::error_already_set();
+  }
+}
+
+// Of joint values (N, n), which gives displacements (N, 3) or (N, K, 3).
+OwnColumns displacements_by(const py::handle& given, const std::string& where) {
+  const std::shared_ptr<const py::object> function = shared_function(given, where);
+  return [function, where](const Eigen::MatrixXd& joint_values) -> Eigen::MatrixXd {
+    const py::gil_scoped_acquire lock;
+    const Doubles values = called(*function, joint_values, where);
+    const py::ssize_t dimensions = values.ndim();
+    if ((dimensions != 2 && dimensions != 3) || values.shape(dimensions - 1) != 3) {
+      throw InputError(where + ": an array of shape " + std::string(py::str(values.attr("shape"))) +
+                       ", expected displacements (N, 3) or (N, K, 3), or a joint that moves by (N,) or (N, K)");
+    }
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    return Eigen::Map<const RowMajor>(values.data(), values.shape(0),
+                                      dimensions == 3 ? 3 * values.shape(1) : Eigen::Index{3});
+  };
+}
+
+// Of joint values (N, n), which gives motions of a joint (N,) or (N, K).
+OwnColumns motions_by(const py::handle& given, const std::string& where) {
+  const std::shared_ptr<const py::object> function = shared_function(given, where);
+  return [function, where](const Eigen::MatrixXd& joint_values) -> Eigen::MatrixXd {
+    const py::gil_scoped_acquire lock;
+    return rows_of_columns(called(*function, joint_values, where), where);
+  };
+}
+
+const Words<EffectAxis> kAxes = {
+    {"own", EffectAxis::own}, {"x", EffectAxis::across_x}, {"y", EffectAxis::across_y}, {"along", EffectAxis::along}};
+
+// A dict of names and {'function': …, 'joint': …, 'axis': …} or {'function': …, 'frame': …}.
+Members::Reader alternatives_into(std::vector<OwnAlternative>& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    if (!py::isinstance<py::dict>(given)) {
+      throw py::type_error(where + ": " + std::string(py::repr(given)) +
+                           ", expected a dict of names and alternatives {'function': …}");
+    }
+    into.clear();
+    for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(given)) {
+      OwnAlternative alternative{.name = py::str(key)};
+      const std::string place = where + "." + alternative.name;
+      std::optional<py::handle> function;
+      std::optional<EffectAxis> axis;
+      std::optional<DisplacementFrame> frame;
+      Members()
+          .by("function", [&](const py::handle& object, const std::string&) { function = object; })
+          .with("joint", alternative.joint)
+          .by("axis", [&](const py::handle& text, const std::string& of) { axis = word(text, kAxes, of); })
+          .by("frame",
+              [&](const py::handle& text, const std::string& of) {
+                frame = word(text,
+                             Words<DisplacementFrame>{{"measuring", DisplacementFrame::measuring},
+                                                      {"base", DisplacementFrame::base}},
+                             of);
+              })
+          .read(value, place);
+      if (!function) {
+        throw py::type_error(place + ": no function, expected one of joint values");
+      }
+      const bool moves_joint = !alternative.joint.empty();
+      if (moves_joint ? frame.has_value() : axis.has_value()) {
+        throw py::type_error(place + (moves_joint ? ": a frame beside a joint, expected one of the two"
+                                                  : ": an axis without a joint, expected the name of a joint as well"));
+      }
+      alternative.axis = axis.value_or(EffectAxis::own);
+      alternative.frame = frame.value_or(DisplacementFrame::measuring);
+      alternative.columns =
+          moves_joint ? motions_by(*function, place + ".function") : displacements_by(*function, place + ".function");
+      into.push_back(std::move(alternative));
+    }
+  };
+}
+
 Members diagnosis_members(DiagnosisOptions& options) {
   return Members()
+      .by("alternatives", alternatives_into(options.alternatives))
       .with("try_readings", options.try_readings)
       .with("convention", options.convention)
       .with("other_conventions", options.other_conventions);
@@ -320,6 +419,12 @@ Members::Reader program_frames_into(GivenProgram& into) {
   };
 }
 
+void require_held_out(const ValidationOptions& options) {
+  if (!options.held_out && (options.leave_one_out || options.nested || options.k_fold != 0)) {
+    throw InputError("validation.held_out: False beside leave_one_out, nested or k_fold, expected one of the two");
+  }
+}
+
 Members compensation_members(CompensationOptions& options) {
   Members members;
   members.with("most_change", options.most_change)
@@ -358,10 +463,7 @@ std::vector<OwnEffect> own_effects(const py::handle& given, const std::string& w
     OwnEffect effect{.name = py::str(key)};
     Members()
         .with("joint", effect.joint)
-        .by("axis", one_of(effect.axis, {{"own", EffectAxis::own},
-                                         {"x", EffectAxis::across_x},
-                                         {"y", EffectAxis::across_y},
-                                         {"along", EffectAxis::along}}))
+        .by("axis", one_of(effect.axis, kAxes))
         .by("function",
             [&](const py::handle& function, const std::string& place) { effect.columns = columns_by(function, place); })
         .read(value, where + "." + effect.name);
@@ -429,6 +531,7 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
       .with("threads", options.threads)
       .by("progress", function_into(result.progress))
       .read(keywords, "");
+  require_held_out(options.validation);
   return result;
 }
 

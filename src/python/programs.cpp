@@ -2,7 +2,6 @@
 
 #include <fmt/core.h>
 #include <pybind11/stl.h>
-#include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
 #include <cctype>
@@ -18,7 +17,9 @@
 #include "programs/program_files.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
+#include "python/file_names.hpp"
 #include "python/interruptible.hpp"
+#include "python/keywords.hpp"
 #include "python/options.hpp"
 
 namespace kdl_calibration::python {
@@ -64,25 +65,6 @@ Controller controller_of(const GivenProgram& given, const Robot& robot, const Pr
   controller.external_axes = external_axes(axes, robot, "external_axes");
   controller.frames = given.frames_file ? read_program_frames(*given.frames_file, language) : given.frames;
   return controller;
-}
-
-// A message of the library with our keywords in place of kdlcal's options.
-std::string in_keywords(std::string message) {
-  constexpr std::pair<std::string_view, std::string_view> kKeywords[] = {
-      {"--external-axis", "external_axes"}, {"--frames", "frames"}, {"--near", "near"}, {"--force", "overwrite=True"}};
-  const auto is_of_name = [&](std::size_t at) {  // of a file
-    return at < message.size() && (std::isalnum(static_cast<unsigned char>(message[at])) != 0 ||
-                                   std::string_view("-_./\\").find(message[at]) != std::string_view::npos);
-  };
-  for (const auto& [option, keyword] : kKeywords) {
-    for (std::size_t at = message.find(option); at != std::string::npos; at = message.find(option, at + 1)) {
-      const std::size_t end = at + option.size();
-      if ((at == 0 || !is_of_name(at - 1)) && !is_of_name(end)) {
-        message.replace(at, option.size(), keyword);
-      }
-    }
-  }
-  return message;
 }
 
 CompensatedJoints near_of(const py::object& near, std::size_t joints) {
@@ -140,18 +122,14 @@ std::shared_ptr<CompensatedFiles> compensated_files(const std::shared_ptr<Found>
   }
   const CompensatedJoints near = near_of(stated.near, robot.joints.size());
   const Compensator compensator(found->calibration, stated.options);
-  try {
-    result->program = interruptible([&](const Interruption& interruption) {
-      const ProgramSetup setup{.robot = robot,
-                               .compensator = compensator,
-                               .controller = controller,
-                               .language = *result->given.language,
-                               .check = [&] { interruption.check(); }};
-      return compensated_program(setup, result->given.texts, near, stated.line_tolerance);
-    });
-  } catch (const InputError& error) {
-    throw InputError(in_keywords(error.what()));
-  }
+  result->program = interruptible([&](const Interruption& interruption) {
+    const ProgramSetup setup{.robot = robot,
+                             .compensator = compensator,
+                             .controller = controller,
+                             .language = *result->given.language,
+                             .check = [&] { interruption.check(); }};
+    return compensated_program(setup, result->given.texts, near, stated.line_tolerance);
+  });
   return result;
 }
 
@@ -237,11 +215,7 @@ void save(const CompensatedFiles& files, const std::filesystem::path& output, bo
   }
   const std::string head = record_head(files.program, result_sha256, files.line_tolerance);
   outputs.back().pieces = [&](const TextSink& sink) { write_record(head, files.program, sink); };
-  try {
-    write_whole(outputs, files.inputs, overwrite);
-  } catch (const InputError& error) {
-    throw InputError(in_keywords(error.what()));
-  }
+  write_whole(outputs, files.inputs, overwrite);
 }
 
 }  // namespace
@@ -280,7 +254,7 @@ void bind_programs(py::module_& module) {
                                              f.program.positions.size()));
             }
             std::transform(f.program.warnings.begin(), f.program.warnings.end(), std::back_inserter(warnings),
-                           in_keywords);
+                           [](const std::string& warning) { return in_keywords(warning); });
             return warnings;
           },
           "Points that are not reached, and what the controller decides at run time, with the lines.")

@@ -3,7 +3,6 @@
 #include "kdl_calibration/robot.hpp"
 
 #include <pybind11/stl.h>
-#include <pybind11/stl/filesystem.h>
 
 #include <limits>
 
@@ -11,6 +10,7 @@
 #include "kdl_calibration/kinematic_export.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
+#include "python/file_names.hpp"
 
 namespace kdl_calibration::python {
 
@@ -76,7 +76,8 @@ void bind_convention(py::module_& module) {
 void bind_robot(py::module_& module) {
   py::class_<Robot, RobotPointer>(module, "Robot", "The nominal robot: one serial chain of a URDF.")
       .def_readonly("name", &Robot::name)
-      .def_readonly("source", &Robot::source, "File name, for messages.")
+      .def_property_readonly(
+          "source", [](const Robot& robot) { return file_name(robot.source); }, "File name, for messages.")
       .def_readonly("urdf", &Robot::urdf, "The text of the URDF.")
       .def_readonly("base", &Robot::base, "Link.")
       .def_readonly("tip", &Robot::tip, "Link: the flange.")
@@ -85,11 +86,11 @@ void bind_robot(py::module_& module) {
       .def_property_readonly("limits", &limits, "(n, 2) lower and upper limit [rad or m]; infinite if there is none.")
       .def("__repr__", &robot_text)
       .def(py::pickle(
-          [](const Robot& robot) { return py::make_tuple(robot.urdf, robot.base, robot.tip, robot.source); },
+          [](const Robot& robot) { return py::make_tuple(robot.urdf, robot.base, robot.tip, file_name(robot.source)); },
           [](const py::tuple& state) {
             return shared(parse_robot(state[0].cast<std::string>(),
                                       {.base = state[1].cast<std::string>(), .tip = state[2].cast<std::string>()},
-                                      state[3].cast<std::string>()));
+                                      bytes_of_name(state[3])));
           }));
   module.def(
       "load_robot",
@@ -101,8 +102,8 @@ void bind_robot(py::module_& module) {
       "Raises InputError for an unreadable file and a URDF without such a chain.");
   module.def(
       "parse_robot",
-      [](const std::string& urdf, std::string base, std::string tip, const std::string& source) {
-        return shared(parse_robot(urdf, {.base = std::move(base), .tip = std::move(tip)}, source));
+      [](const std::string& urdf, std::string base, std::string tip, const py::str& source) {
+        return shared(parse_robot(urdf, {.base = std::move(base), .tip = std::move(tip)}, bytes_of_name(source)));
       },
       "urdf"_a, "base"_a = "", "tip"_a = "", "source"_a = "URDF", "The same from the text of a URDF.");
   module.def(

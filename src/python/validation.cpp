@@ -7,6 +7,7 @@
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
 #include "python/interruptible.hpp"
+#include "python/keywords.hpp"
 #include "python/options.hpp"
 
 namespace kdl_calibration::python {
@@ -65,7 +66,7 @@ void bind_position_errors(py::module_& module) {
       .def_readonly("rms_corrected", &PositionErrors::rms_corrected, "[m] corrected for the registration's unknowns.")
       .def_readonly("upper_95_factor", &PositionErrors::upper_95_factor)
       .def_readonly("upper_95_factor_of_test", &PositionErrors::upper_95_factor_of_test)
-      .def_readonly("warnings", &PositionErrors::warnings)
+      .def_property_readonly("warnings", [](const PositionErrors& errors) { return message_texts(errors.warnings); })
       .def_readonly("doubts", &PositionErrors::doubts)
       .def_property_readonly(
           "bases",

@@ -10,9 +10,24 @@ _MOST_REPEATS = 2**31 - 1
 _SMALLEST_SIGMA = 1e-15  # [m] as in files
 
 
+def _plain(values):
+    """A nullable column of pandas as an array of numpy: numbers with NaN, labels and other words with None."""
+    kind = getattr(getattr(values, "dtype", None), "kind", None)
+    if kind is None or isinstance(values, np.ndarray) or not hasattr(values, "isna"):
+        return values
+    missing = np.asarray(values.isna())
+    if not missing.any():
+        return np.asarray(values.to_numpy(dtype=values.dtype.numpy_dtype if hasattr(values.dtype, "numpy_dtype") else None))
+    if kind in "iuf":
+        return values.to_numpy(dtype=np.float64, na_value=np.nan)
+    array = np.array(values, dtype=object)
+    array[missing] = None
+    return array
+
+
 def _numbers(values, name):
     _refuse_masked(values, name)
-    array = np.asarray(values)
+    array = np.asarray(_plain(values))
     if array.dtype.kind not in "iuf":
         raise TypeError(f"{name}: an array of {array.dtype}, expected one of real numbers")
     return np.asarray(array, dtype=np.float64, order="C")
@@ -250,6 +265,7 @@ def from_arrays(
               "temperature": temperature, "payload": payload}  # fmt: skip
     for name, values in by_row.items():
         _refuse_masked(values, name)
+        by_row[name] = _plain(values)
     place = _Places()
     if points.ndim == 3:
         if points.shape[2] != 3:
@@ -300,6 +316,9 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
         raise TypeError(f"joint_names: {joint_names}, expected texts")
     if joint_names and len(joint_names) != width:
         raise InputError(f"joint_names: {len(joint_names)} names, expected {width}, one for each column of joints")
+    twice = [name for i, name in enumerate(joint_names) if name in joint_names[:i]]
+    if twice:
+        raise InputError(f"joint_names: '{twice[0]}' is there twice, expected names that differ")
     driven = _integers(order, "order", count)
     nothing = np.empty(0)
     around = [_of_configurations(values, name, configuration, len(names))
@@ -328,9 +347,19 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
     station, sigma, split, repeat, temperature and payload are used if there are any. Needs no pandas beside that of the frame.
     """
     joints, points = list(joints), list(points)
-    missing = [name for name in [*joints, *points] if name not in frame.columns]
+    present = list(frame.columns)
+    missing = [name for name in [*joints, *points] if name not in present]
     if missing:
-        raise InputError(f"column '{missing[0]}' is not in the data frame, expected one of {list(frame.columns)}")
+        raise InputError(f"column '{missing[0]}' is not in the data frame, expected one of {present}")
+
+    def column_of(name):
+        if present.count(name) > 1:
+            raise InputError(f"column '{name}' is there {present.count(name)} times, expected it once")
+        return _plain(frame[name])
+
+    def columns_of(names, keyword):
+        return np.column_stack([_numbers(column_of(name), f"{keyword}, column '{name}'") for name in names])
+
     usual = {"targets": "target", "configurations": "configuration", "stations": "station", "sigma": "sigma",
              "split": "split", "repeats": "repeat", "temperature": "temperature",
              "payload": "payload"}  # fmt: skip
@@ -340,10 +369,10 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
     given = {}
     for keyword, value in columns.items():
         if isinstance(value, str) and value in frame.columns:
-            given[keyword] = frame[value].to_numpy()
+            given[keyword] = column_of(value)
         elif keyword == "orientations" and value is not None and all(isinstance(name, str) for name in value):
-            given[keyword] = frame[list(value)].to_numpy()
+            given[keyword] = columns_of(value, "orientations")
         else:
             given[keyword] = value
     given.setdefault("joint_names", joints)
-    return from_arrays(frame[joints].to_numpy(), frame[points].to_numpy(), **given)
+    return from_arrays(columns_of(joints, "joints"), columns_of(points, "points"), **given)
