@@ -195,3 +195,16 @@ def test_poses_without_joint_values_near_them(found):
     compensator = kc.Compensator(found)
     with pytest.raises(TypeError, match=r"^seed: none, expected nominal joint values near the poses, \(N, 6\) or \(6,\)$"):
         compensator.solve_poses(np.eye(4))
+
+
+@pytest.mark.parametrize("count, names", [(26, ["A", "Z"]), (27, ["1", "27"])])
+def test_targets_without_names_are_letters_while_there_are_any(count, names):
+    m = kc.from_arrays(np.eye(2), np.random.default_rng(1).normal(size=(2, count, 3)))
+    assert [m.targets[0], m.targets[-1]] == names and len(m.targets) == count
+
+
+def test_a_sigma_of_zero_states_none_and_quaternions_are_of_unit_length():
+    m = kc.from_arrays(np.eye(2), np.ones((2, 3)), sigma=[0.0, 1e-4])
+    assert m.observations["sigma"].tolist() == [0.0, 1e-4]
+    with pytest.raises(kc.InputError, match=r"orientations\[1\]: its norm is not 1"):
+        kc.from_arrays(np.eye(2), np.ones((2, 3)), orientations=[[1.0, 0.0, 0.0, 0.0], [1.01, 0.0, 0.0, 0.0]])
