@@ -73,8 +73,9 @@ public:
   const Eigen::MatrixXd& covariance() const;
 
   /// The calibration at this temperature and payload instead of the means of the measurements: arm(), Compensator and
-  /// others then predict for them. Uncertainties grow with the distance from what was measured. The exported URDF stays
-  /// that of the means. Throws InputError where no effect depends on what is stated.
+  /// others then predict for them. The temperature is that of all links, less those that `link_temperatures` names.
+  /// Uncertainties grow with the distance from what was measured. The exported URDF stays that of the means. Throws
+  /// InputError where no effect depends on what is stated.
   Calibration at(const Circumstances& circumstances) const;
 
   /// The arm with all effects: where it really goes. Throws InputError as CalibratedArm does.

@@ -13,6 +13,7 @@
 #include <kdl/chain.hpp>
 #include <kdl/frames.hpp>
 #include <limits>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -129,7 +130,8 @@ struct JointCoupling {
   bool is_cosine = false;
 };
 
-/// The temperature [degC]; for a link, times the length of the nominal link before the joint [degC m].
+/// The temperature [degC] of the link before the joint, its own where one is known, else that of the arm; for a link,
+/// times its nominal length [degC m].
 struct Temperature {
   bool of_link = false;
 };
@@ -192,8 +194,9 @@ struct EffectTerm {
 /// What surrounds an arm; NaN where it is not known.
 struct Circumstances {
   static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  double temperature = kUnknown;  ///< [degC] of the arm
+  double temperature = kUnknown;  ///< [degC] of the arm: of all links that `link_temperatures` does not name
   double payload = kUnknown;      ///< [kg] on the flange
+  std::map<std::string, double> link_temperatures = {};  ///< [degC] by the URDF link
 };
 
 /// What the errors leave exactly as it is in the nominal robot, so that closed forms of the inverse kinematics hold.

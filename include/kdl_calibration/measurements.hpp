@@ -112,6 +112,10 @@ struct DriveSignals {
   Eigen::MatrixXd torques;
   /// 2 x configurations, or empty: Circumstances::temperature and payload.
   Eigen::MatrixXd circumstances;
+  /// URDF links that have a temperature of their own, each once; none: all have that of `circumstances`.
+  std::vector<std::string> links = {};
+  /// links x configurations [degC]; in a row all values are known, or all are NaN as for a link without an own one.
+  Eigen::MatrixXd link_temperatures = {};
 };
 
 /// A set of measurements. Configurations and targets are numbered in their order of first appearance.
@@ -129,8 +133,9 @@ struct Measurements {
   /// One per joint, or empty if unknown. The reader fills it from the header's units, unless a joint convention is
   /// used.
   std::vector<JointUnit> joint_units;
-  std::string remark;    ///< how the reader interpreted the file, in one line; empty if as usual
-  DriveSignals signals;  ///< of the configurations; from tau_<joint>, order, temperature and payload
+  std::string remark;  ///< how the reader interpreted the file, in one line; empty if as usual
+  /// Of the configurations; from tau_<joint>, order, temperature, temperature_<link> and payload.
+  DriveSignals signals;
 };
 
 /// The observations that satisfy `keep`. Joints and targets stay as they are, even targets without observations, so
@@ -149,7 +154,7 @@ Measurements without_rows(const Measurements& measurements, const std::vector<st
 Measurements averaged(const Measurements& measurements);
 
 /// The measurements of `first`, then those of `second`; joints, targets and stations must be the same. Order and
-/// signals are kept only if both have them.
+/// signals are kept only if both have them, a link's temperature only if both state it.
 Measurements joined(const Measurements& first, const Measurements& second);
 
 /// Reads measurements (CSV, see src/cli/README.md). `urdf_joints` are the moving joints of the chain, base to tip.
@@ -168,15 +173,17 @@ Measurements joined(const Measurements& first, const Measurements& second);
 /// Orientations of targets, R = Rz(yaw) Ry(pitch) Rx(roll), come in one of five forms: qw, qx, qy, qz (normalised); rx,
 /// ry, rz (angle times axis); roll, pitch, yaw; A, B, C (KUKA: yaw, pitch, roll) and W, P, R (FANUC: roll, pitch, yaw),
 /// the last two with units. An empty cell is allowed in the optional columns: split (train), repeat (1), sigma (none
-/// stated) and an orientation (if all its cells are empty). Limits: 16 GiB, lines of 1 MiB, 10,000 columns, 100
-/// targets; the file is read in pieces.
+/// stated) and an orientation (if all its cells are empty). Columns temperature_<link> name links of the robot's chain;
+/// without a robot any name is accepted. Limits: 16 GiB, lines of 1 MiB, 10,000 columns, 100 targets; the file is read
+/// in pieces.
 ///
 /// Throws InputError naming file, line, column, value and rule: an unreadable file, text that is not UTF-8, a missing,
-/// unknown or repeated column, an unknown unit, a ragged row, a value that is not a finite number or beyond 1e12,
-/// decimal points beside decimal commas, a sigma below 1e-15 m, a quaternion norm off 1 by more than 1e-3, angles
-/// without unit beyond one turn, two forms of orientation or an incomplete one, a norm of n_x, n_y, n_z off 1 by more
-/// than 1e-3, two rows for the same configuration, repeat, target and direction, joint values, a split or a station
-/// that differ within one configuration, more than 100 stations, no rows.
+/// unknown or repeated column, temperatures of unknown links or of two that are fixed to each other, an unknown unit, a
+/// ragged row, a value that is not a finite number or beyond 1e12, decimal points beside decimal commas, a sigma below
+/// 1e-15 m, a quaternion norm off 1 by more than 1e-3, angles without unit beyond one turn, two forms of orientation or
+/// an incomplete one, a norm of n_x, n_y, n_z off 1 by more than 1e-3, two rows for the same configuration, repeat,
+/// target and direction, joint values, a split or a station that differ within one configuration, more than 100
+/// stations, no rows.
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
                                const JointConvention* convention = nullptr);
 Measurements parse_measurements(std::string_view csv, const std::vector<std::string>& urdf_joints,

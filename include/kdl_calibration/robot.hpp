@@ -53,6 +53,9 @@ struct MovingJoint {
   std::optional<double> velocity;
   std::optional<Mimic> mimic;  ///< none for an independent joint
   std::optional<Drive> drive;  ///< of an independent joint; other joints of the same drive follow this one
+  /// URDF links of the rigid body before it, towards the tip: the last is the joint's parent, the others are fixed to
+  /// it.
+  std::vector<std::string> links = {};
 };
 
 /// The nominal robot: one serial chain of a URDF, from `base` to `tip`.
@@ -78,6 +81,9 @@ using JointRanges = std::vector<std::pair<double, double>>;
 
 /// Names of the moving joints, base to tip, followers included (see mimic.hpp).
 std::vector<std::string> joint_names(const Robot& robot);
+
+/// Names of the chain's links, base to tip.
+std::vector<std::string> link_names(const Robot& robot);
 
 /// Builds the nominal chain from URDF text. `source` names the text in messages.
 /// Throws InputError: malformed XML (with its line), unknown base or tip (the message lists the links), base and tip

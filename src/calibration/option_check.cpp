@@ -143,7 +143,7 @@ void require_signals(const Measurements& measurements, const CalibrationSettings
   const std::vector<EffectGroup>& groups = options.selection.effects.groups;
   for (const EffectGroup group : groups) {
     const std::optional<Circumstance> needed = needed_circumstance(group);
-    if (needed && !is_stated(measurements.signals, *needed)) {
+    if (needed && !is_stated_of_any_link(measurements.signals, *needed)) {
       throw OptionError(
           "effects", fmt::format("{} needs the column {} in the measurements", to_string(group), to_string(*needed)));
     }

@@ -107,8 +107,7 @@ ExitStatus run(const FkArguments& arguments) {
   const auto& [robot_arguments, joints, result, as_json] = arguments.arm;
   Robot robot = load(robot_arguments);
   Eigen::VectorXd q = joint_values(robot, joints);
-  const auto& [temperature, payload] = arguments.circumstances;
-  if (result.empty() && !(std::isnan(temperature) && std::isnan(payload))) {
+  if (result.empty() && states_any(arguments.circumstances)) {
     throw InputError("--temperature and --payload are of a calibrated arm, expected --result beside them");
   }
   if (!result.empty()) {

@@ -192,6 +192,10 @@ public:
     Measurements measurements = parse_measurements(robot_, csv(), nullptr, files_.points, files_.orientation);
     take(&DriveSignals::torques, "torques", measurements);
     take(&DriveSignals::circumstances, "temperature or payload", measurements);
+    take(&DriveSignals::link_temperatures, "temperatures of links", measurements);
+    if (measurements.signals.links.empty()) {
+      measurements.signals.links = configurations_.signals.links;
+    }
     return measurements;
   }
 

@@ -198,10 +198,37 @@ void add_seed(CLI::App& app, std::uint64_t& seed) {
 }
 
 void add_circumstances(CLI::App& app, Circumstances& circumstances) {
-  app.add_option("--temperature", circumstances.temperature,
-                 "Temperature of the arm, for a result with effects of it [the mean of the measurements]")
-      ->type_name("DEGC")
-      ->check(number_between(-273.15, 1000.0, "a number from -273.15 to 1000"));
+  const std::string expected = "a number from -273.15 to 1000, or LINK=NUMBER";
+  const auto of = [](const std::string& text) {  // the link, empty for all, and its temperature
+    const std::size_t sign = text.rfind('=');
+    const bool is_of_all = sign == std::string::npos;
+    return std::pair(is_of_all ? "" : text.substr(0, sign), parsed_number(is_of_all ? text : text.substr(sign + 1)));
+  };
+  app.add_option_function<std::vector<std::string>>(
+         "--temperature",
+         [&circumstances, of](const std::vector<std::string>& texts) {
+           for (const std::string& text : texts) {
+             const auto [link, temperature] = of(text);
+             const bool is_new = link.empty() ? std::isnan(circumstances.temperature)
+                                              : circumstances.link_temperatures.emplace(link, *temperature).second;
+             if (!is_new) {
+               throw InputError("--temperature: " + (link.empty() ? "that of the arm" : shown(link)) +
+                                " is there twice, expected each once");
+             }
+             circumstances.temperature = link.empty() ? *temperature : circumstances.temperature;
+           }
+         },
+         "Temperature of the arm, or with LINK= of one link, for a result with effects of it; repeatable [the means of "
+         "the measurements]")
+      ->type_name("[LINK=]DEGC")
+      ->allow_extra_args(false)
+      ->check(CLI::Validator(
+          [=](std::string& value) {
+            const auto [link, temperature] = of(value);
+            const bool fits = temperature && *temperature >= -273.15 && *temperature <= 1000.0 && value.front() != '=';
+            return fits ? std::string() : refused(value, expected);
+          },
+          "", "temperature"));
   app.add_option("--payload", circumstances.payload,
                  "Payload on the flange, for a result with effects of it [the mean of the measurements]")
       ->type_name("KG")
@@ -212,8 +239,7 @@ Calibration at_circumstances(const Calibration& found, const Circumstances& circ
   Calibration there = found.at(circumstances);
   const CalibrationParts& parts = found.parts();
   const JointRanges& ranges = parts.region.joints;
-  if (ranges.empty() || parts.covariance.rows() != parts.free.size() ||
-      (std::isnan(circumstances.temperature) && std::isnan(circumstances.payload))) {
+  if (ranges.empty() || parts.covariance.rows() != parts.free.size() || !states_any(circumstances)) {
     return there;
   }
   Eigen::VectorXd middle(static_cast<Eigen::Index>(ranges.size()));
@@ -226,10 +252,16 @@ Calibration at_circumstances(const Calibration& found, const Circumstances& circ
                        [&](const std::string& target) { return arm.predict(middle, target).outside; });
   };
   if (!is_outside(found.arm()) && is_outside(there.arm())) {
-    std::string stated =
-        std::isnan(circumstances.temperature) ? "" : fmt::format("{:g} degC", circumstances.temperature);
+    std::string stated;
+    const auto add = [&](const std::string& text) { stated += (stated.empty() ? "" : " and ") + text; };
+    if (!std::isnan(circumstances.temperature)) {
+      add(fmt::format("{:g} degC", circumstances.temperature));
+    }
+    for (const auto& [link, temperature] : circumstances.link_temperatures) {
+      add(fmt::format("{} at {:g} degC", link, temperature));
+    }
     if (!std::isnan(circumstances.payload)) {
-      stated += fmt::format("{}{:g} kg", stated.empty() ? "" : " and ", circumstances.payload);
+      add(fmt::format("{:g} kg", circumstances.payload));
     }
     warn(stated + " is far from what was measured: the calibration may be wrong there");
   }

@@ -39,7 +39,7 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, std::vector<double
 
 /// Adds an option for a file name.
 CLI::Option* add_file(CLI::App& app, const std::string& name, std::string& file, const std::string& help);
-/// --temperature and --payload: at which the calibrated arm is taken.
+/// --temperature, of all links or of one, and --payload: at which the calibrated arm is taken.
 void add_circumstances(CLI::App& app, Circumstances& circumstances);
 /// The calibration there. Warns if it is less certain there, in the middle of the measured joint values, than at any
 /// configuration that was left out.

@@ -79,6 +79,7 @@ const std::set<std::string> kNumbers = {"rank",
                                         "largest_variance",
                                         "gravity_direction",
                                         "temperature",
+                                        "link_temperatures",
                                         "payload",
                                         "tracker",
                                         "estimate_sigma",
@@ -165,6 +166,7 @@ const std::set<std::string> kGroups = {"position_error",
                                        "base",
                                        "held_out_points",
                                        "effects",
+                                       "circumstances",
                                        "terms",
                                        "function",
                                        "findings",
@@ -186,7 +188,8 @@ bool is_number_alone(const std::string& text, const std::vector<std::string>& pa
   std::string last;
   std::string before;
   for (const std::string& key : path) {
-    const bool is_entry = is_index(key) || before == "parameters";  // which have names of their own
+    // Which have names of their own.
+    const bool is_entry = is_index(key) || before == "parameters" || before == "link_temperatures";
     before = key;
     if (is_entry) {
       continue;

@@ -160,7 +160,7 @@ struct RawValue {
                                  : std::sin(coupling.times * other);
   }
   double operator()(const Temperature& temperature) const {
-    const double degrees = around(Circumstance::temperature, model.circumstances.temperature);
+    const double degrees = temperature_before_joint();
     return temperature.of_link ? degrees * link_before(model, joint).norm() : degrees;
   }
   double operator()(const PayloadTorque& payload) const {
@@ -177,6 +177,19 @@ struct RawValue {
     const double value =
         stated.size() > 0 ? stated(static_cast<Index>(circumstance), stop.column) : Circumstances::kUnknown;
     return std::isnan(value) ? otherwise : value;
+  }
+
+  // That of the link before the joint: its own, else the arm's; the model's where the configuration states none.
+  double temperature_before_joint() const {
+    const std::vector<std::string>& links = model.joints[joint].links;
+    const DriveSignals& stated = stop.signals;
+    for (std::size_t row = 0; row < stated.links.size(); ++row) {
+      const double value = stated.link_temperatures(static_cast<Index>(row), stop.column);
+      if (!std::isnan(value) && std::find(links.begin(), links.end(), stated.links[row]) != links.end()) {
+        return value;
+      }
+    }
+    return around(Circumstance::temperature, temperature_before(model.joints[joint], model.circumstances));
   }
 
   // NaN if no such signals were measured.

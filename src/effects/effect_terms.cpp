@@ -184,14 +184,16 @@ void add_coupling(const ErrorModel& model, std::size_t joint, std::vector<Effect
   }
 }
 
-// Every link, every joint, and every joint that the payload turns. None where the circumstance is not stated.
+// Every link, every joint, and every joint that the payload turns. None where the circumstance is not stated; a
+// temperature may be that of the link.
 void add_circumstances(const ErrorModel& model, EffectGroup group, std::size_t joint, const DriveSignals& signals,
                        std::vector<EffectTerm>& terms) {
+  const bool is_warm = has_temperature(signals, model.joints[joint].links);
   if (group == EffectGroup::payload && is_stated(signals, Circumstance::payload)) {
     terms.push_back(term_of(model, joint, PayloadTorque{model.payload_centre}));
-  } else if (group == EffectGroup::drift && is_stated(signals, Circumstance::temperature)) {
+  } else if (group == EffectGroup::drift && is_warm) {
     terms.push_back(term_of(model, joint, Temperature{}));
-  } else if (group == EffectGroup::expansion && is_stated(signals, Circumstance::temperature)) {
+  } else if (group == EffectGroup::expansion && is_warm) {
     terms.push_back(term_of(model, joint, Temperature{.of_link = true}, {}, EffectAxis::along));
   }
 }

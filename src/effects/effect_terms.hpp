@@ -25,10 +25,13 @@ namespace kdl_calibration {
 /// have a joint's torque.
 /// Coupling. The values of the two joints before, and sine and cosine of the last one.
 /// Expansion. The temperature times the length of the link before the joint; the coefficient is the growth per length.
-/// Drift. The temperature. Payload. The torque of the stated mass at the model's payload_centre.
-/// Ripple. ripple_search finds the frequency in the residuals; here 100 per turn in every joint, for simulated robots.
-/// Tables. A Gaussian process of Matérn-3/2 covariance in the Hilbert-space basis of Solin and Särkkä (2020), of length
-/// `length` [rad or m]; its functions are not scaled, so that `sigma` is the table's.
+/// Drift. The temperature. Both take the temperature of the link before the joint (MovingJoint::links) where that link
+/// has one of its own: it is the one that expands, and it carries the joint's housing, encoder and most of its gear, as
+/// the joint moves from it. Otherwise they take that of the arm. Where neither is stated there is no term. Payload. The
+/// torque of the stated mass at the model's payload_centre. Ripple. ripple_search finds the frequency in the residuals;
+/// here 100 per turn in every joint, for simulated robots. Tables. A Gaussian process of Matérn-3/2 covariance in the
+/// Hilbert-space basis of Solin and Särkkä (2020), of length `length` [rad or m]; its functions are not scaled, so that
+/// `sigma` is the table's.
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const Eigen::MatrixXd& joint_values,
                                      const DriveSignals& signals = {});
 /// `length`: for all joints, but at most half of a joint's measured range.

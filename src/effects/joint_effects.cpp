@@ -66,6 +66,27 @@ bool depend_on(const std::vector<EffectTerm>& effects, Circumstance circumstance
                      [&](const EffectTerm& term) { return needed_circumstance(term.group()) == circumstance; });
 }
 
+bool states_any(const Circumstances& circumstances) {
+  return !std::isnan(circumstances.temperature) || !std::isnan(circumstances.payload) ||
+         !circumstances.link_temperatures.empty();
+}
+
+double temperature_before(const MovingJoint& joint, const Circumstances& circumstances) {
+  if (!circumstances.link_temperatures.empty()) {
+    for (const std::string& link : joint.links) {
+      const auto own = circumstances.link_temperatures.find(link);
+      if (own != circumstances.link_temperatures.end()) {
+        return own->second;
+      }
+    }
+  }
+  return circumstances.temperature;
+}
+
+bool depends_on_temperature(const EffectTerm& term) {
+  return needed_circumstance(term.group()) == Circumstance::temperature;
+}
+
 EffectGroup EffectTerm::group() const {
   using enum EffectGroup;
   constexpr std::array kGroups = {gravity, gravity, gain,     backlash, backlash, harmonics,

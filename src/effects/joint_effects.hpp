@@ -32,6 +32,13 @@ std::optional<Circumstance> needed_circumstance(EffectGroup group);
 /// Whether some effect needs it.
 bool depend_on(const std::vector<EffectTerm>& effects, Circumstance circumstance);
 
+/// Whether any temperature or payload is stated.
+bool states_any(const Circumstances& circumstances);
+/// The temperature of the link before the joint: its own, else that of the arm; NaN if neither is known.
+double temperature_before(const MovingJoint& joint, const Circumstances& circumstances);
+/// Whether the term is a function of the temperature of the link before its joint.
+bool depends_on_temperature(const EffectTerm& term);
+
 /// A group of effects on one joint about one of its axes.
 struct EffectMotionKey {
   EffectGroup group = EffectGroup::gravity;

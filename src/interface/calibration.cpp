@@ -101,6 +101,13 @@ std::string hash_of(const Measurements& measurements) {
       add(value);
     }
   };
+  const auto add_names = [&](const std::vector<std::string>& names) {
+    add(names.size());
+    for (const std::string& name : names) {
+      add(name.size());
+      hash.add(name);
+    }
+  };
   const auto add_kind = ByKind{[](const Point&) {}, [&](const Pose& pose) { add_each(pose.orientation.coeffs()); },
                                [&](const Coordinates& some) {
                                  add_each(some.normal);
@@ -110,12 +117,16 @@ std::string hash_of(const Measurements& measurements) {
   // The bindings name every member: a new one does not compile before somebody decides whether it belongs to the hash.
   const auto& [source, joints, joint_values, configurations, targets, stations, observations, joint_units, remark,
                signals] = measurements;
-  const auto& [approach, torques, circumstances] = signals;
+  const auto& [approach, torques, circumstances, links, link_temperatures] = signals;
   add_each(joint_values);
   add_each(approach);
   add_each(torques);
   if (circumstances.size() > 0) {
     add_each(circumstances);
+  }
+  if (!links.empty()) {
+    add_names(links);
+    add_each(link_temperatures);
   }
   add(observations.size());
   for (const Observation& row : observations) {
@@ -134,11 +145,7 @@ std::string hash_of(const Measurements& measurements) {
     add(station);
   }
   for (const std::vector<std::string>* names : {&joints, &configurations, &targets, &stations}) {
-    add(names->size());
-    for (const std::string& name : *names) {
-      add(name.size());
-      hash.add(name);
-    }
+    add_names(*names);
   }
   return hash.hexadecimal();
 }
@@ -151,7 +158,7 @@ void require_as_parsed(const Robot& robot) {
   };
   const auto same = [&](const MovingJoint& a, const MovingJoint& b) {
     return a.name == b.name && a.type == b.type && same_frame(a.origin, b.origin) &&
-           to_eigen(a.axis) == to_eigen(b.axis);
+           to_eigen(a.axis) == to_eigen(b.axis) && a.links == b.links;
   };
   if (!std::equal(robot.joints.begin(), robot.joints.end(), parsed.joints.begin(), parsed.joints.end(), same) ||
       !same_frame(robot.tip_origin, parsed.tip_origin) || robot.tip_joint != parsed.tip_joint) {
@@ -250,29 +257,71 @@ KeptAxes kept_axes(const CalibrationOptions& options) {
 
 }  // namespace
 
-void require_circumstances(const Measurements& measurements, const std::vector<EffectTerm>& effects) {
+void require_circumstances(const Measurements& measurements, const ErrorModel& model) {
+  const DriveSignals& signals = measurements.signals;
+  const auto require_all = [&](const std::string& what, const auto& row) {
+    for (std::size_t c = 0; c < measurements.configurations.size(); ++c) {
+      if (std::isnan(row[static_cast<Eigen::Index>(c)])) {
+        throw InputError(measurements.source + ": configuration " + shown(measurements.configurations[c]) + " has no " +
+                         what + ", expected one in each configuration or in none");
+      }
+    }
+  };
   for (const Circumstance circumstance : {Circumstance::temperature, Circumstance::payload}) {
-    const bool stated = is_stated(measurements.signals, circumstance);
-    if (!stated && depend_on(effects, circumstance)) {
+    if (!is_stated_of_any_link(signals, circumstance) && depend_on(model.effects, circumstance)) {
       throw InputError(measurements.source + ": no " + to_string(circumstance) +
                        ", expected the column that the effects of the result depend on");
     }
-    for (std::size_t c = 0; stated && c < measurements.configurations.size(); ++c) {
-      const double value =
-          measurements.signals.circumstances(static_cast<Eigen::Index>(circumstance), static_cast<Eigen::Index>(c));
-      if (std::isnan(value)) {
-        throw InputError(measurements.source + ": configuration " + shown(measurements.configurations[c]) + " has no " +
-                         to_string(circumstance) + ", expected one in each configuration or in none");
-      }
+    if (is_stated(signals, circumstance)) {
+      require_all(to_string(circumstance), signals.circumstances.row(static_cast<Eigen::Index>(circumstance)));
+    }
+  }
+  for (Eigen::Index link = 0; link < signals.link_temperatures.rows(); ++link) {
+    if (!signals.link_temperatures.row(link).array().isNaN().all()) {
+      require_all("temperature_" + signals.links[static_cast<std::size_t>(link)], signals.link_temperatures.row(link));
+    }
+  }
+  for (const EffectTerm& term : model.effects) {
+    const std::vector<std::string>& links = model.joints[static_cast<std::size_t>(term.index)].links;
+    if (depends_on_temperature(term) && !has_temperature(signals, links)) {
+      throw InputError(measurements.source + ": no temperature_" + links.back() +
+                       " and no temperature, expected one of the two: the effect " + term.name + " depends on it");
     }
   }
 }
 
+void require_links(const Measurements& measurements, const Robot& robot) {
+  const std::string fault = fault_of_links(measurements.signals.links, link_names(robot), robot.joints);
+  if (!fault.empty()) {
+    throw InputError(measurements.source + ": " + fault);
+  }
+}
+
+namespace {
+
+// The means over the training configurations.
+Circumstances mean_circumstances(const Measurements& measurements) {
+  const DriveSignals& signals = measurements.signals;
+  const std::vector<bool> trained = trained_configurations(measurements);
+  Circumstances means = {.temperature = range_of(signals, Circumstance::temperature, trained).mean,
+                         .payload = range_of(signals, Circumstance::payload, trained).mean};
+  for (std::size_t link = 0; link < signals.links.size(); ++link) {
+    const double mean = range_of_link(signals, static_cast<Eigen::Index>(link), trained).mean;
+    if (!std::isnan(mean)) {
+      means.link_temperatures[signals.links[link]] = mean;
+    }
+  }
+  return means;
+}
+
+}  // namespace
+
 CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
   require_as_parsed(robot);
   require_one_split(measurements);
-  require_circumstances(measurements, options.priors.earlier != nullptr ? options.priors.earlier->parts().model.effects
-                                                                        : std::vector<EffectTerm>());
+  require_links(measurements, robot);
+  require_circumstances(measurements,
+                        options.priors.earlier != nullptr ? options.priors.earlier->parts().model : ErrorModel());
   const KeptAxes kept = kept_axes(options);
   ErrorModel model = complete_model(robot, kept);
   model.gravity = unit_vector(options.effects.gravity_direction);
@@ -281,9 +330,7 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
   require_finite("effects.payload_centre", options.effects.payload_centre.allFinite());
   const Eigen::Vector3d& centre = options.effects.payload_centre;
   model.payload_centre = {centre.x(), centre.y(), centre.z()};
-  const std::vector<bool> trained = trained_configurations(measurements);
-  model.circumstances = {.temperature = range_of(measurements.signals, Circumstance::temperature, trained).mean,
-                         .payload = range_of(measurements.signals, Circumstance::payload, trained).mean};
+  model.circumstances = mean_circumstances(measurements);
   CalibrationSettings settings = settings_of(options);
   if (const Calibration* earlier = options.priors.earlier) {
     settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));
@@ -334,8 +381,38 @@ const ParameterEstimate& Calibration::parameter(const std::string& name) const {
   return *found;
 }
 
+namespace {
+
+// Throws InputError where no effect depends on the temperature of this link.
+void set_temperature(ErrorModel& model, const std::string& link, double temperature) {
+  if (!std::isfinite(temperature)) {
+    refuse_input("temperature of " + shown(link) + ": not finite", "a number");
+  }
+  std::vector<std::string> possible;
+  for (const EffectTerm& term : model.effects) {
+    const std::vector<std::string>& links = model.joints[static_cast<std::size_t>(term.index)].links;
+    if (!depends_on_temperature(term)) {
+      continue;
+    }
+    if (std::find(links.begin(), links.end(), link) != links.end()) {
+      for (const std::string& fixed : links) {
+        model.circumstances.link_temperatures.erase(fixed);
+      }
+      model.circumstances.link_temperatures[link] = temperature;
+      return;
+    }
+    if (std::find(possible.begin(), possible.end(), links.back()) == possible.end()) {
+      possible.push_back(links.back());
+    }
+  }
+  refuse_input("temperature of " + shown(link) + ": no effect of this calibration depends on it",
+               possible.empty() ? "none" : "that of " + comma_separated(possible));
+}
+
+}  // namespace
+
 Calibration Calibration::at(const Circumstances& circumstances) const {
-  if (std::isnan(circumstances.temperature) && std::isnan(circumstances.payload)) {
+  if (!states_any(circumstances)) {
     return *this;
   }
   CalibrationParts parts = *parts_;
@@ -358,6 +435,12 @@ Calibration Calibration::at(const Circumstances& circumstances) const {
   };
   take(circumstances.temperature, Circumstance::temperature, parts.model.circumstances.temperature);
   take(circumstances.payload, Circumstance::payload, parts.model.circumstances.payload);
+  if (!std::isnan(circumstances.temperature)) {
+    parts.model.circumstances.link_temperatures.clear();
+  }
+  for (const auto& [link, temperature] : circumstances.link_temperatures) {
+    set_temperature(parts.model, link, temperature);
+  }
   return Calibration(std::make_shared<CalibrationParts>(std::move(parts)));
 }
 

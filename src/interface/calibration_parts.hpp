@@ -22,8 +22,11 @@ std::string hash_of(const Measurements& measurements);
 void require_as_parsed(const Robot& robot);
 /// Throws InputError if a configuration has train and test rows: what is known of the one is no test of the other.
 void require_one_split(const Measurements& measurements);
-/// Throws InputError if a temperature or payload that effects depend on is not stated, or not of each configuration.
-void require_circumstances(const Measurements& measurements, const std::vector<EffectTerm>& effects);
+/// Throws InputError if a temperature or payload that effects of the model depend on is not stated, or not of each
+/// configuration.
+void require_circumstances(const Measurements& measurements, const ErrorModel& model);
+/// Throws InputError for temperatures of links that the robot does not have, and of two that are fixed to each other.
+void require_links(const Measurements& measurements, const Robot& robot);
 /// Throws InputError if the calibration is one of another robot.
 void require_same_robot(const Robot& robot, const Calibration& calibration);
 /// Throws InputError for a convention that is not of these joints, and for another one that is not whole.

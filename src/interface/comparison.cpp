@@ -16,6 +16,7 @@
 #include "base/distributions.hpp"
 #include "base/preconditions.hpp"
 #include "base/random.hpp"
+#include "effects/joint_effects.hpp"
 #include "estimation/prediction.hpp"
 #include "interface/calibration_parts.hpp"
 #include "kdl_calibration/validation.hpp"
@@ -362,15 +363,30 @@ void add_flange(const Differences& found, Comparison& result) {
   result.flange_sigma = std::sqrt(result.misfit_factor * variance / static_cast<double>(distances.size()));
 }
 
+// The mean of both, or the one that is known.
+double mean_of_known(double first, double second) {
+  return std::isnan(first) ? second : std::isnan(second) ? first : 0.5 * (first + second);
+}
+
 // Both arms at the mean of their temperatures and payloads, or at those of the one that states any.
 std::pair<CalibrationParts, CalibrationParts> in_the_same_circumstances(CalibrationParts before,
                                                                         CalibrationParts after) {
-  for (double Circumstances::*const member : {&Circumstances::temperature, &Circumstances::payload}) {
-    double& first = before.model.circumstances.*member;
-    double& second = after.model.circumstances.*member;
-    first = std::isnan(first) ? second : std::isnan(second) ? first : 0.5 * (first + second);
-    second = first;
+  Circumstances& first = before.model.circumstances;
+  Circumstances& second = after.model.circumstances;
+  Circumstances mean = {.temperature = mean_of_known(first.temperature, second.temperature),
+                        .payload = mean_of_known(first.payload, second.payload)};
+  for (const MovingJoint& joint : before.model.joints) {
+    const auto has_own = [&](const Circumstances& known) {
+      return std::any_of(joint.links.begin(), joint.links.end(),
+                         [&](const std::string& link) { return known.link_temperatures.contains(link); });
+    };
+    if (has_own(first) || has_own(second)) {
+      mean.link_temperatures[joint.links.back()] =
+          mean_of_known(temperature_before(joint, first), temperature_before(joint, second));
+    }
   }
+  first = mean;
+  second = mean;
   return {std::move(before), std::move(after)};
 }
 

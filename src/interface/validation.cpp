@@ -171,7 +171,7 @@ PositionErrors validate(const Robot& robot, const Measurements& measurements, co
 
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known,
                         const DiagnosisOptions& diagnosis) {
-  require_circumstances(measurements, calibration.parts().model.effects);
+  require_circumstances(measurements, calibration.parts().model);
   return errors_of(calibration.parts(), measurements, known, diagnosis);
 }
 

@@ -5,12 +5,14 @@
 #include <utility>
 
 #include "base/text.hpp"
+#include "measurements/drive_signals.hpp"
 #include "robot/mimic.hpp"
 
 namespace kdl_calibration {
 namespace {
 
 constexpr std::string_view kTorquePrefix = "tau_";
+constexpr std::string_view kTemperaturePrefix = "temperature_";
 
 enum class Quantity : std::uint8_t { none, length, angle, temperature, mass };
 
@@ -118,6 +120,9 @@ public:
     take_own_values();
     find_orientation();
     check_complete();
+    if (const std::string fault = fault_of_links(header_.links, joints_.links, joints_.joints); !fault.empty()) {
+      fail(place_, fault);
+    }
     return std::move(header_);
   }
 
@@ -150,7 +155,12 @@ private:
       name = cell;
       unit.reset();
     }
-    const Meaning meaning = meaning_of(name);
+    Meaning meaning = meaning_of(name);
+    const bool names_link = name.size() > kTemperaturePrefix.size() &&
+                            alike(name.substr(0, kTemperaturePrefix.size()), kTemperaturePrefix, true);
+    if (meaning.column == nullptr && names_link) {
+      meaning = temperature_of_link(std::string(name.substr(kTemperaturePrefix.size())));
+    }
     if (meaning.column == nullptr) fail_unknown_column(place_, cell, name, joints_);
     if (present(*meaning.column)) {
       fail(place_, "column " + shown(cell) + " repeats '" + header_.names[meaning.column->index] + "'");
@@ -195,6 +205,21 @@ private:
       }
     }
     return {};
+  }
+
+  /// The column of this link. The pointer is valid until the next one is added.
+  Meaning temperature_of_link(std::string link) {
+    for (const bool any_case : {true, false}) {
+      const std::size_t known = index_of(joints_.links, link, any_case);
+      if (known < joints_.links.size()) link = joints_.links[known];
+    }
+    if (const std::string fault = fault_of_links({link}, joints_.links, {}); !fault.empty()) fail(place_, fault);
+    const std::size_t index = index_of(header_.links, link, false);
+    if (index == header_.links.size()) {
+      header_.links.push_back(link);
+      header_.link_temperatures.emplace_back();
+    }
+    return {&header_.link_temperatures[index], std::string(kTemperaturePrefix) + link, units_of(Quantity::temperature)};
   }
 
   static std::vector<std::string_view> units_of(ValueKind kind) {
@@ -362,8 +387,8 @@ std::string expected_columns(const ExpectedJoints& joints) {
     required = "x, y, z and " + orientation;
     optional = own + ", configuration, target, ";
   }
-  return "expected " + required + ", optionally " + optional +
-         "split, repeat, order, sigma, station, temperature, payload, " + std::string(kTorquePrefix) + "<joint>" +
+  return "expected " + required + ", optionally " + optional + "split, repeat, order, sigma, station, temperature, " +
+         std::string(kTemperaturePrefix) + "<link>, payload, " + std::string(kTorquePrefix) + "<joint>" +
          (joints.content == FileContent::poses ? "" : ", " + orientation) +
          (followers.empty() ? "" : " and the joints that mimic others: " + comma_separated(followers));
 }

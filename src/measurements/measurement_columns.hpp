@@ -85,7 +85,9 @@ struct Header {
   std::vector<bool> own_values;         ///< whether each of `joints` is the joint's own column, not its drive's
   std::vector<Column> torques;          ///< of the expected joints, absent ones included
   std::array<Column, 2> circumstances;  ///< temperature and payload
-  std::vector<std::string> notes;       ///< differences from the format of measurements_csv
+  std::vector<std::string> links;       ///< with a column of their own temperature
+  std::vector<Column> link_temperatures;
+  std::vector<std::string> notes;  ///< differences from the format of measurements_csv
 };
 
 inline bool states_orientation(const Header& header) { return header.orientation < kOrientationForms.size(); }
@@ -110,6 +112,7 @@ struct ExpectedJoints {
   bool kinds_known = true;                 ///< whether the types in `joints` are valid
   FileContent content = FileContent::measurements;
   OrientationReading orientation = OrientationReading::usual;  ///< as the user stated it
+  std::vector<std::string> links = {};                         ///< of the chain, base to tip; empty: any names
 };
 
 enum class ValueKind : std::uint8_t { unknown, angle, length };

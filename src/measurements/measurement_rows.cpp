@@ -19,7 +19,8 @@ MeasurementRows::MeasurementRows(LineReader& lines, const std::vector<MovingJoin
               {},
               kind.kinds_known,
               kind.content,
-              kind.orientation} {
+              kind.orientation,
+              kind.links} {
   for (std::size_t i = 0; i < chain.size(); ++i) {
     if (chain[i].mimic || chain[i].drive) joints_.followers.push_back(i);
   }

@@ -18,6 +18,7 @@ struct FileKind {
   bool kinds_known = true;  ///< whether the joint types are known
   FileContent content = FileContent::measurements;
   OrientationReading orientation = OrientationReading::usual;
+  std::vector<std::string> links = {};  ///< of the chain, base to tip, that may have a temperature; empty: any names
 };
 
 /// The header of a measurements file, then its rows one after the other. Keeps references.

@@ -57,6 +57,7 @@ struct UsedColumns {
   bool distance = false;
   std::vector<Eigen::Index> torques;             ///< joints with a known torque
   std::vector<Circumstance> circumstances = {};  ///< those that some configuration states
+  std::vector<Eigen::Index> links = {};          ///< rows of link temperatures that are stated
 };
 
 /// Whether the measured coordinates are along axes of W.
@@ -72,6 +73,9 @@ UsedColumns used_columns(const Measurements& measurements) {
   }
   for (const Circumstance circumstance : {Circumstance::temperature, Circumstance::payload}) {
     if (is_stated(measurements.signals, circumstance)) used.circumstances.push_back(circumstance);
+  }
+  for (Eigen::Index link = 0; link < measurements.signals.link_temperatures.rows(); ++link) {
+    if (!measurements.signals.link_temperatures.row(link).array().isNaN().all()) used.links.push_back(link);
   }
   for (const Observation& o : measurements.observations) {
     used.split = used.split || o.split == Split::test;
@@ -123,6 +127,9 @@ std::string csv_header(const Measurements& measurements, const UsedColumns& used
   }
   for (const Circumstance circumstance : used.circumstances) {
     text += circumstance == Circumstance::temperature ? ",temperature[degC]" : ",payload[kg]";
+  }
+  for (const Eigen::Index link : used.links) {
+    text += "," + csv_field("temperature_" + measurements.signals.links[static_cast<std::size_t>(link)] + "[degC]");
   }
   return text + "\n";
 }
@@ -181,6 +188,7 @@ std::string measurements_csv(const Measurements& measurements) {
   const auto configurations = csv_labels(measurements.configurations, "configuration", measurements.source);
   const auto targets = csv_labels(measurements.targets, "target", measurements.source);
   const auto stations = csv_labels(measurements.stations, "station", measurements.source);
+  csv_labels(measurements.signals.links, "link", measurements.source);
   Cells cells(text);
   for (std::size_t i = 0; i < measurements.observations.size(); ++i) {
     const Observation& o = measurements.observations[i];
@@ -203,6 +211,10 @@ std::string measurements_csv(const Measurements& measurements) {
     }
     for (const Circumstance circumstance : used.circumstances) {
       const double value = measurements.signals.circumstances(static_cast<Eigen::Index>(circumstance), o.configuration);
+      cells.add(value, !std::isnan(value));
+    }
+    for (const Eigen::Index link : used.links) {
+      const double value = measurements.signals.link_temperatures(link, o.configuration);
       cells.add(value, !std::isnan(value));
     }
     text += '\n';

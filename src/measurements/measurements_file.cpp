@@ -45,7 +45,8 @@ public:
         with_points_(with_points),
         joint_columns_(joint_columns(header)),
         torques_(header.torques),
-        circumstances_(header.circumstances) {
+        circumstances_(header.circumstances),
+        link_temperatures_(header.link_temperatures) {
     joint_row_.resize(joint_columns_.size());
   }
 
@@ -71,6 +72,7 @@ public:
     lines_.push_back(line);
     torques_.add(row, observation.configuration);
     circumstances_.add(row, observation.configuration);
+    link_temperatures_.add(row, observation.configuration);
   }
 
   Measurements finish(const ExpectedJoints& joints, const DecimalMark& decimals) && {
@@ -114,6 +116,8 @@ public:
     result.joint_values = with_followers(stated, read);
     result.signals.torques = joint_torques(torques_.means(result.configurations.size()), joints);
     result.signals.circumstances = circumstances_.means(result.configurations.size());
+    result.signals.links = header_.links;
+    result.signals.link_temperatures = link_temperatures_.means(result.configurations.size());
     result.signals.approach = approach_directions(result);
     result.remark = recognised(decimals);
     if (!scatter_.empty()) {
@@ -339,6 +343,7 @@ private:
   std::map<std::int16_t, bool> anchors_have_places_;  ///< of stations with distances, whether x, y, z are given
   ConfigurationMeans torques_;
   ConfigurationMeans circumstances_;
+  ConfigurationMeans link_temperatures_;
   std::vector<std::size_t> lines_;  ///< line of each observation
 };
 
@@ -378,7 +383,7 @@ Measurements parse_measurements(const Robot& robot, std::string_view csv, const 
 Measurements parse_measurements(const Robot& robot, std::string_view csv, const JointConvention* convention,
                                 const std::string& source, OrientationReading reading) {
   LineReader lines(csv, source);
-  return collect(lines, robot.joints, convention, {.orientation = reading});
+  return collect(lines, robot.joints, convention, {.orientation = reading, .links = link_names(robot)});
 }
 
 Measurements read_measurements(const std::filesystem::path& file, const std::vector<std::string>& urdf_joints,
@@ -395,7 +400,7 @@ Measurements read_measurements(const Robot& robot, const std::filesystem::path& 
 Measurements read_measurements(const Robot& robot, const std::filesystem::path& file, const JointConvention* convention,
                                OrientationReading reading) {
   LineReader lines(file);
-  return collect(lines, robot.joints, convention, {.orientation = reading});
+  return collect(lines, robot.joints, convention, {.orientation = reading, .links = link_names(robot)});
 }
 
 Measurements parse_configurations(std::string_view csv, const std::vector<std::string>& urdf_joints,
@@ -415,7 +420,7 @@ Measurements read_configurations(const std::filesystem::path& file, const std::v
 Measurements read_configurations(const Robot& robot, const std::filesystem::path& file,
                                  const JointConvention* convention) {
   LineReader lines(file);
-  return collect(lines, robot.joints, convention, {.content = FileContent::configurations});
+  return collect(lines, robot.joints, convention, {.content = FileContent::configurations, .links = link_names(robot)});
 }
 
 }  // namespace kdl_calibration

@@ -48,8 +48,13 @@ bool are_driven_alike(const DriveSignals& signals, Index a, Index b) {
 }
 
 // Whether temperatures and payloads are near enough to be those of repeats.
-bool have_like_circumstances(const MatrixXd& circumstances, Index a, Index b) {
+bool have_like_circumstances(const DriveSignals& signals, Index a, Index b) {
   constexpr std::array<double, kCircumstances> kNear = {0.2, 0.01};  // [degC], [kg]
+  const MatrixXd& circumstances = signals.circumstances;
+  const MatrixXd& links = signals.link_temperatures;
+  if (links.size() > 0 && ((links.col(a) - links.col(b)).array().abs() > kNear.front()).any()) {
+    return false;
+  }
   for (Index row = 0; row < circumstances.rows(); ++row) {
     if (std::abs(circumstances(row, a) - circumstances(row, b)) > kNear[static_cast<std::size_t>(row)]) {
       return false;
@@ -58,7 +63,7 @@ bool have_like_circumstances(const MatrixXd& circumstances, Index a, Index b) {
   return true;
 }
 
-// Mean of the known torques, or circumstances.
+// Mean of the known torques, circumstances or temperatures of links.
 VectorXd mean_signals(const MatrixXd& torques, const std::vector<Index>& members) {
   VectorXd mean(torques.rows());
   for (Index joint = 0; joint < torques.rows(); ++joint) {
@@ -88,7 +93,7 @@ std::vector<std::vector<Index>> members_of_poses(const Measurements& measurement
       return trained[c] == trained[static_cast<std::size_t>(other)] &&
              stations[c] == stations[static_cast<std::size_t>(other)] &&
              are_driven_alike(measurements.signals, own, other) &&
-             have_like_circumstances(measurements.signals.circumstances, own, other);
+             have_like_circumstances(measurements.signals, own, other);
     });
     if (same == candidates.end()) {
       candidates.push_back(poses.size());
@@ -256,11 +261,11 @@ Measurements with_poses_joined(Measurements measurements) {
     }
   }
   DriveSignals signals = columns(measurements.signals, firsts);
-  for (std::size_t pose = 0; pose < poses.size() && signals.torques.size() > 0; ++pose) {
-    signals.torques.col(static_cast<Index>(pose)) = mean_signals(measurements.signals.torques, poses[pose]);
-  }
-  for (std::size_t pose = 0; pose < poses.size() && signals.circumstances.size() > 0; ++pose) {
-    signals.circumstances.col(static_cast<Index>(pose)) = mean_signals(measurements.signals.circumstances, poses[pose]);
+  for (MatrixXd DriveSignals::*const member :
+       {&DriveSignals::torques, &DriveSignals::circumstances, &DriveSignals::link_temperatures}) {
+    for (std::size_t pose = 0; pose < poses.size() && (signals.*member).size() > 0; ++pose) {
+      (signals.*member).col(static_cast<Index>(pose)) = mean_signals(measurements.signals.*member, poses[pose]);
+    }
   }
   measurements.remark += fmt::format(
       "{}{} labels stand for {} poses ({} are one): rows at joint values within {:.2g} rad or m of their mean are "

@@ -302,11 +302,15 @@ EffectTerm read_term(const Node& node, const ErrorModel& model, std::span<const 
   return term;
 }
 
-// The mean temperature and payload, if any was measured.
+// The mean temperatures and payload, if any was measured.
 void add_circumstances(const ErrorModel& model, Json& effects) {
-  const auto& [temperature, payload] = model.circumstances;
-  if (!std::isnan(temperature) || !std::isnan(payload)) {
-    effects["circumstances"] = {{"temperature", finite_or_null(temperature)}, {"payload", finite_or_null(payload)}};
+  const auto& [temperature, payload, link_temperatures] = model.circumstances;
+  if (!states_any(model.circumstances)) {
+    return;
+  }
+  effects["circumstances"] = {{"temperature", finite_or_null(temperature)}, {"payload", finite_or_null(payload)}};
+  if (!link_temperatures.empty()) {
+    effects["circumstances"]["link_temperatures"] = link_temperatures;
   }
 }
 
@@ -315,6 +319,15 @@ Circumstances read_circumstances(const Node& block) {
   for (const auto& [name, value] : {std::pair{"temperature", &read.temperature}, {"payload", &read.payload}}) {
     if (const Node node = member(block, name); !node.json.is_null()) {
       *value = number(node);
+    }
+  }
+  if (has(block, "link_temperatures")) {
+    const Node links = member(block, "link_temperatures");
+    if (!links.json.is_object()) {
+      tree::fail(links, "an object, a temperature by the name of each link");
+    }
+    for (const auto& [link, value] : links.json.items()) {
+      read.link_temperatures[link] = number(member(links, link));
     }
   }
   return read;

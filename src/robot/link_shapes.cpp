@@ -81,14 +81,6 @@ LinkShape shape_of(const tinyxml2::XMLElement& element, const std::string& where
 
 }  // namespace
 
-std::vector<std::string> link_names(const Robot& robot) {
-  std::vector<std::string> names = {robot.base};
-  for (unsigned s = 0; s < robot.chain.getNrOfSegments(); ++s) {
-    names.push_back(robot.chain.getSegment(s).getName());
-  }
-  return names;
-}
-
 std::vector<LinkShape> link_shapes(const Robot& robot) {
   tinyxml2::XMLDocument document;
   parse_xml(document, robot.urdf, robot.source);

@@ -23,7 +23,4 @@ struct LinkShape {
 /// Throws InputError for a size that is not positive or an origin that is not numeric.
 std::vector<LinkShape> link_shapes(const Robot& robot);
 
-/// The base link, then the link behind each joint of the chain, fixed ones included; the tip last.
-std::vector<std::string> link_names(const Robot& robot);
-
 }  // namespace kdl_calibration

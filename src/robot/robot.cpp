@@ -252,6 +252,22 @@ void resolve_mimics(const urdf::ModelInterface& model, Robot& robot) {
   }
 }
 
+/// Names of the links behind the last moving joint of the chain, or from its base if there is none.
+std::vector<std::string> links_at_end(const Robot& robot) {
+  const std::vector<KDL::Segment>& segments = robot.chain.segments;
+  const auto moves = [](const KDL::Segment& segment) { return segment.getJoint().getType() != KDL::Joint::Fixed; };
+  const auto last = std::find_if(segments.rbegin(), segments.rend(), moves);
+  std::vector<std::string> names;
+  if (last == segments.rend()) {
+    names.push_back(robot.base);
+  }
+  for (auto segment = last == segments.rend() ? segments.begin() : last.base() - 1; segment != segments.end();
+       ++segment) {
+    names.push_back(segment->getName());
+  }
+  return names;
+}
+
 /// Appends the URDF joint to the chain, and to the moving joints or the fixed part after them.
 void append_joint(const urdf::Joint& joint, const urdf::ModelInterface& model, Robot& robot) {
   const std::string where = robot.source + ": joint " + in_quotes(joint.name);
@@ -275,6 +291,7 @@ void append_joint(const urdf::Joint& joint, const urdf::ModelInterface& model, R
   }
   MovingJoint moving = moving_joint(joint, where);
   moving.origin = behind_last;
+  moving.links = links_at_end(robot);
   const auto type = moving.type == JointType::prismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
   const KDL::Joint kdl_joint(joint.name, origin.p, origin.M * moving.axis, type);
   robot.chain.addSegment(KDL::Segment(joint.child_link_name, kdl_joint, origin, inertia));
@@ -289,6 +306,14 @@ std::vector<std::string> joint_names(const Robot& robot) {
   std::vector<std::string> names;
   for (const MovingJoint& joint : robot.joints) {
     names.push_back(joint.name);
+  }
+  return names;
+}
+
+std::vector<std::string> link_names(const Robot& robot) {
+  std::vector<std::string> names = {robot.base};
+  for (const KDL::Segment& segment : robot.chain.segments) {
+    names.push_back(segment.getName());
   }
   return names;
 }

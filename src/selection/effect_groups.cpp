@@ -20,7 +20,7 @@ const std::map<EffectGroup, Index>& least_configurations() {
 
 bool is_possible(EffectGroup group, const DriveSignals& signals) {
   const std::optional<Circumstance> needed = needed_circumstance(group);
-  return !needed || is_stated(signals, *needed);
+  return !needed || is_stated_of_any_link(signals, *needed);
 }
 
 }  // namespace

@@ -368,6 +368,64 @@ TEST_F(Compensate, WarnsOfATemperatureFarFromTheMeasured) {
   EXPECT_THAT(said(600.0), HasSubstr("600 degC is far from what was measured: the calibration may be wrong there"));
 }
 
+// The virtual arm that warms up, with a sensor on link_2 that shows the temperature of all.
+TEST_F(Compensate, TakesTheTemperatureOfALink) {
+  succeed(
+      words_of("simulate --configurations 40 --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --effects drift "
+               "--output t.csv"));
+  std::string with_sensor;
+  for (const std::string& line : lines_of(text_of("t.csv"))) {
+    const std::size_t payload = line.rfind(',');
+    const std::size_t temperature = line.rfind(',', payload - 1) + 1;
+    const std::string cell = line.substr(temperature, payload - temperature);
+    with_sensor += line + "," + (cell == "temperature[degC]" ? "temperature_link_2[degC]" : cell) + "\n";
+  }
+  write("l.csv", with_sensor);
+  succeed(words_of("calibrate --measurements l.csv --effects drift --result l.json"));
+  const Json stated = json_of("l.json")["effects"]["circumstances"];
+  const double mean = stated["link_temperatures"]["link_2"].get<double>();
+  EXPECT_NEAR(stated["temperature"].get<double>(), mean, 1e-9);
+  const Words compensate = words_of("compensate --result l.json --joints p.csv --output o.csv --force");
+  const auto written_at = [&](const Words& options) {
+    run(compensate + options);
+    return text_of("o.csv");
+  };
+  const std::string at_mean = written_at({});
+  EXPECT_EQ(written_at({"--temperature", "link_2=" + shortest(mean)}), at_mean);
+  EXPECT_NE(written_at({"--temperature", "link_2=32"}), at_mean);
+  EXPECT_NE(written_at({"--temperature", "32"}), written_at({"--temperature", "link_2=32"}));
+  EXPECT_EQ(written_at({"--temperature", "32", "--temperature", "link_2=32"}), written_at({"--temperature", "32"}));
+  EXPECT_EQ(written_at({"--temperature", "link_2=20", "--temperature", "32"}),
+            written_at({"--temperature", "32", "--temperature", "link_2=20"}));
+  const auto said = [&](const std::string& asked) { return run(compensate + Words{"--temperature", asked}).err; };
+  EXPECT_THAT(said("link_2=" + shortest(mean + 1.0)), ::testing::Not(HasSubstr("degC")));
+  EXPECT_THAT(said("link_2=600"),
+              HasSubstr("link_2 at 600 degC is far from what was measured: the calibration may be wrong there"));
+  write("o.csv", "as it was");
+  const auto refused = [&](const Words& options, const Words& words) {
+    expect_refused(compensate + options, words);
+    EXPECT_EQ(text_of("o.csv"), "as it was");
+  };
+  refused({"--temperature", "link_9=30"},
+          {"temperature of 'link_9': no effect of this calibration depends on it, expected that of ", "link_2"});
+  for (const std::string wrong : {"link_2=warm", "link_2=", "=30", "link_2=5000", "warm", ""}) {
+    refused(
+        {"--temperature", wrong},
+        {"--temperature", "'" + wrong + "' is not accepted, expected a number from -273.15 to 1000, or LINK=NUMBER"});
+  }
+  refused({"--temperature", "link_2=30", "--temperature", "link_2=31"},
+          {"--temperature: 'link_2' is there twice, expected each once"});
+  refused({"--temperature", "30", "--temperature", "31"}, {"--temperature: that of the arm is there twice"});
+  std::string unknown = text_of("l.csv");
+  write("u.csv", unknown.replace(unknown.find("temperature_link_2"), 18, "temperature_link_9"));
+  expect_refused(
+      words_of("calibrate --measurements u.csv --result u.json"),
+      {"u.csv:1: temperature of 'link_9', which is no link of the chain: expected some of base_link, link_1, "
+       "link_2, link_3, link_4, link_5, link_6, flange"});
+  expect_refused(words_of("validate --result l.json --measurements m.csv"),
+                 {"m.csv: no temperature, expected the column that the effects of the result depend on"});
+}
+
 TEST_F(Compensate, RefusesPosesThatDependOnWhatIsNotDetermined) {
   succeed(
       words_of("simulate --joint-ranges -90:90,-60:50,-60:60,40:40,-90:90,-180:180 --noise 1e-5 --length-sigma 0.001 "

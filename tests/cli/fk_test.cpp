@@ -190,6 +190,19 @@ std::vector<OptionCase> fk_options() {
                   {"--temperature", "40"},
                   is_at(warm_arm(40.0), q),
                   kAtJoints + Words{"--result", "warm.json"}});
+  rows.push_back({"TemperatureOfALinkIsItsOwn",
+                  {"--temperature", "bracket=40"},
+                  is_at(warm_arm(40.0), q),
+                  kAtJoints + Words{"--result", "warm.json"}});
+  rows.push_back({"TemperatureOfAllLinksIsOneOfEach",
+                  {"--temperature", "40"},
+                  is_at(warm_arm(40.0), q),
+                  kAtJoints + Words{"--result", "links.json"}});
+  rows.push_back({"TemperatureOfTheArmAndOfALink",
+                  {"--temperature", "50", "--temperature", "b=40"},
+                  is_at(warm_arm(40.0), q),
+                  kAtJoints + Words{"--result", "links.json"}});
+  rows.push_back({"ResultIsAtTheMeanOfEachLink", {"--result", "links.json"}, is_at(warm_arm(33.0), q), kAtJoints});
   rows.push_back({"NoPayloadDoesNotBend",
                   {"--payload", "0"},
                   is_at(arm("floor", "tool", true), q),
@@ -218,9 +231,11 @@ protected:
     write("plinth_dh.json", dh_of(parse_robot(arm_on_a_plinth())));
     write("coupled.json", kOddArmCoupled);
     write("r.json", kResult);
-    write("warm.json",
-          result_with(R"("name": "expansion.3", "group": "expansion", "about": "along", "coefficient": 1e-5,
-      "function": {"of": "temperature and length"})"));
+    std::string warm = result_with(R"("name": "expansion.3", "group": "expansion", "about": "along",
+      "coefficient": 1e-5, "function": {"of": "temperature and length"})");
+    write("warm.json", warm);
+    warm.insert(warm.find(R"("payload")"), R"("link_temperatures": {"b": 33, "tool": 70}, )");
+    write("links.json", warm);
     write("loaded.json", result_with(R"("name": "payload.3", "group": "payload", "coefficient": 1e-4,
       "function": {"centre": [0.1, 0, 0.2]})"));
     std::string text = content(kFanuc);

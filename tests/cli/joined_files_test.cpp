@@ -129,8 +129,9 @@ TEST_F(JoinedFilesOfATracker, AColumnNamesTheConfigurationAsWell) {
 
 // A file of joint values for three configurations, and what else it says of them.
 const std::string kMore =
-    "configuration,split,anchor,order,tau_joint_2[Nm],joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n"
-    "1,train,left,7,100,0.1,0.2,0.3,0.4,0.5,0.6\n2,test,right,3,200,0.2,0.3,0.4,0.5,0.6,0.7\n";
+    "configuration,split,anchor,order,tau_joint_2[Nm],joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,"
+    "temperature_link_1\n"
+    "1,train,left,7,100,0.1,0.2,0.3,0.4,0.5,0.6,20\n2,test,right,3,200,0.2,0.3,0.4,0.5,0.6,0.7,25\n";
 
 TEST_F(JoinedFilesOfATracker, JointValuesBringWhatElseTheirFileSays) {
   write("j.csv", kMore);
@@ -158,6 +159,8 @@ TEST_F(JoinedFilesOfATracker, JointValuesBringWhatElseTheirFileSays) {
     EXPECT_EQ(found.observations[1].order, 7);
     EXPECT_EQ(found.signals.torques(1, 0), 200.0);
     EXPECT_EQ(found.signals.torques(1, 1), 100.0);
+    EXPECT_EQ(found.signals.links, (std::vector<std::string>{"link_1"}));
+    EXPECT_EQ(found.signals.link_temperatures, Eigen::RowVector2d(25.0, 20.0));
     EXPECT_EQ(found.joint_values(5, 1), 0.6);
   }
   const std::vector<std::pair<std::string, std::string>> refused = {
@@ -166,6 +169,7 @@ TEST_F(JoinedFilesOfATracker, JointValuesBringWhatElseTheirFileSays) {
       {"configuration,name,station,x,y,z\n1,A,right,1,2,3\n", "p.csv:2: station 'right', but "},
       {"configuration,name,order,x,y,z\n1,A,8,1,2,3\n", "p.csv:2: order '8', but "},
       {"configuration,name,tau_joint_2[Nm],x,y,z\n1,A,100,1,2,3\n", "expected them in one of the two"},
+      {"configuration,name,temperature_link_2,x,y,z\n1,A,20,1,2,3\n", "has temperatures of links, and "},
       {"configuration,name,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,x,y,z\n1,A,0.1,0.2,0.31,0.4,0.5,0.6,1,2,3\n",
        "joint values of configuration '1' differ from those of "}};
   for (const auto& [points, words] : refused) {

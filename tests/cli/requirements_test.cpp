@@ -30,6 +30,8 @@ TEST(Requirements, HaveAPathAComparisonAndAValueInSi) {
   EXPECT_THAT(cli::parse_requirement("rank==3.").path, ElementsAre("rank"));
   EXPECT_EQ(cli::parse_requirement("test.rms>-3e-2mm").value, -3e-5);
   EXPECT_EQ(cli::parse_requirement("test.rms>0").value, 0.0);
+  EXPECT_THAT(cli::parse_requirement("effects.circumstances.link_temperatures.link_2<30").path,
+              ElementsAre("effects", "circumstances", "link_temperatures", "link_2"));
   const std::string form = "PATH OP VALUE such as 'leave_one_out.rms<=0.25mm'";
   const std::string unit = "a unit behind the number: m, mm, um, rad, mrad or deg";
   for (const auto& [text, expected] : std::vector<std::pair<std::string, std::string>>{

@@ -496,6 +496,59 @@ TEST(JointEffects, LinksGrowAlongThemselvesWithTheTemperature) {
   EXPECT_TRUE(motion.isZero(0.0)) << "unknown is as the mean";
 }
 
+// By hand: the link before each joint has its own temperature or that of the arm, and so has the zero of the joint.
+TEST(JointEffects, LinksGrowAndJointsDriftWithTheirOwnTemperatures) {
+  ErrorModel model = complete_model(parse_robot(testing::kOddArm));
+  Random random(15);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  Eigen::MatrixXd warmth(5, 60);  // of the link before each joint
+  for (double& temperature : warmth.reshaped()) {
+    temperature = random.uniform(15.0, 35.0);
+  }
+  warmth.row(3) = warmth.row(1);  // without an own column
+  DriveSignals signals;
+  signals.circumstances = Eigen::MatrixXd::Constant(2, 60, Circumstances::kUnknown);
+  signals.circumstances.row(0) = warmth.row(1);
+  signals.links = {"e", "b", "d", "world"};  // `b` and the joint's parent are fixed to each other
+  signals.link_temperatures = Eigen::MatrixXd::Constant(4, 60, 100.0);
+  signals.link_temperatures.row(1) = warmth.row(2);
+  signals.link_temperatures.row(2) = warmth.row(4);
+  signals.link_temperatures.row(3) = warmth.row(0);
+  const Eigen::VectorXd means = warmth.rowwise().mean();
+  const Eigen::VectorXd growth{{11.5e-6, 24e-6, 12e-6, -5e-6, 1e-3}};  // [1/K] of each link, or [rad/K] and [m/K]
+  for (const EffectGroup group : {EffectGroup::expansion, EffectGroup::drift}) {
+    model.effects = effect_terms(model, group, q, signals);
+    ASSERT_EQ(model.effects.size(), 5U);
+    Eigen::VectorXd values(5);
+    for (Eigen::Index i = 0; i < 5; ++i) {
+      values[i] = growth[i] * model.effects[static_cast<std::size_t>(i)].scale;
+    }
+    const auto size_of = [&](Eigen::Index i) {  // of what grows
+      return group == EffectGroup::drift ? 1.0 : model.joints[static_cast<std::size_t>(i)].origin.p.Norm();
+    };
+    const Eigen::MatrixXd moved = effective_joint_values(model, values, q, signals);
+    for (Eigen::Index c = 0; c < 60; ++c) {
+      for (Eigen::Index i = 0; i < 5; ++i) {
+        const double expected = growth[i] * size_of(i) * (warmth(i, c) - means[i]);
+        const double found = group == EffectGroup::drift ? moved(i, c) - q(i, c) : moved(15 + i, c);
+        EXPECT_NEAR(found, expected, 1e-14) << to_string(group) << " " << i;
+      }
+    }
+    // Of an arm at stated temperatures, without signals.
+    const Eigen::Index offset = group == EffectGroup::drift ? 0 : 15;
+    model.circumstances = {.temperature = means[1] + 8.0, .link_temperatures = {{"bracket", means[2] - 3.0}}};
+    Eigen::VectorXd motion(offset + 5);
+    effect_motion(model, values, q.col(0), motion);
+    EXPECT_NEAR(motion[offset + 1], growth[1] * size_of(1) * 8.0, 1e-14);
+    EXPECT_NEAR(motion[offset + 2], growth[2] * size_of(2) * -3.0, 1e-14);
+    model.circumstances = {};
+  }
+  signals.circumstances.resize(0, 0);
+  model.effects = effect_terms(model, EffectGroup::expansion, q, signals);
+  ASSERT_EQ(model.effects.size(), 3U) << "two links have no temperature";
+  EXPECT_EQ(model.effects[1].name, "expansion.3");
+}
+
 // By KDL's solver, which gives the torques that hold a mass on the flange.
 TEST(JointEffects, PayloadsTurnTheJointsByTheirTorque) {
   const Robot robot = fanuc();

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -9,6 +10,7 @@
 #include "measurements/training_rows.hpp"
 #include "refusal.hpp"
 #include "same_measurements.hpp"
+#include "support.hpp"
 
 namespace kdl_calibration::drive_signals_test {
 namespace {
@@ -102,6 +104,76 @@ TEST(DriveSignals, CircumstancesAreMeansOverTheRowsOfAConfiguration) {
   EXPECT_REFUSED("unit", parse_measurements("configuration,target,a,b,x,y,z,temperature[K]\n", kJoints));
 }
 
+TEST(DriveSignals, TemperaturesOfLinksAreMeansOverTheRowsOfAConfiguration) {
+  const Measurements read = parse_measurements(
+      "configuration;target;a;b;x;y;z;temperature_arm[degC];temperature;Temperature_fore,arm (°C);temperature_none\n"
+      "1;A;0;0;1;2;3;30;20;-1;\n1;B;0;0;1;2;4;31;20;-2;\n2;A;1;0;1;2;3;25;21;3;\n3;A;1;1;1;2;3;24;22;5;\n",
+      kJoints);
+  EXPECT_THAT(read.signals.links, ::testing::ElementsAre("arm", "fore,arm", "none"));
+  MatrixXd expected(3, 3);
+  expected << 30.5, 25.0, 24.0, -1.5, 3.0, 5.0, kUnknown, kUnknown, kUnknown;
+  EXPECT_TRUE(same_bits(read.signals.link_temperatures, expected));
+  EXPECT_TRUE(same_bits(read.signals.circumstances.row(0), Eigen::RowVector3d(20.0, 21.0, 22.0)));
+  const std::string text = measurements_csv(read);
+  EXPECT_THAT(text, HasSubstr(",temperature[degC],temperature_arm[degC],\"temperature_fore,arm[degC]\"\n"));
+  const Measurements again = parse_measurements(text, kJoints);
+  EXPECT_THAT(again.signals.links, ::testing::ElementsAre("arm", "fore,arm"));
+  EXPECT_TRUE(same_bits(again.signals.link_temperatures, expected.topRows(2)));
+  EXPECT_TRUE(same_bits(columns(read.signals, {2, 0}).link_temperatures, expected(Eigen::all, {2, 0})));
+  EXPECT_TRUE(same_bits(column(read.signals, 1).link_temperatures, expected.col(1)));
+  EXPECT_EQ(column(read.signals, 1).links, read.signals.links);
+  EXPECT_TRUE(same_bits(side_by_side(read.signals, read.signals).link_temperatures, expected.replicate(1, 2)));
+  const Measurements test = subset(read, [](const Observation& o) { return o.configuration == 1; });
+  EXPECT_TRUE(same_bits(test.signals.link_temperatures, expected.col(1)));
+  EXPECT_TRUE(same_bits(averaged(read).signals.link_temperatures, expected));
+  const CircumstanceRange range = range_of_link(read.signals, 1, {true, true, false});
+  EXPECT_EQ(range.mean, 0.75);
+  EXPECT_EQ(range.lower, -1.5);
+  EXPECT_EQ(range.upper, 3.0);
+  EXPECT_EQ(row_of_link(read.signals, {"base", "fore,arm"}), 1);
+  EXPECT_EQ(row_of_link(read.signals, {"none"}), std::nullopt) << "no row states it";
+  EXPECT_TRUE(has_temperature(read.signals, {"none"})) << "that of the arm";
+}
+
+TEST(DriveSignals, OfLinksSideBySideThoseThatBothHave) {
+  DriveSignals first{.approach = {}, .torques = {}};
+  first.links = {"a", "b", "c"};
+  first.link_temperatures = (MatrixXd(3, 1) << 1, 2, 3).finished();
+  DriveSignals second{.approach = {}, .torques = {}};
+  second.links = {"c", "d", "a"};
+  second.link_temperatures = (MatrixXd(3, 2) << 4, 5, 6, 7, 8, 9).finished();
+  const DriveSignals both = side_by_side(first, second);
+  EXPECT_THAT(both.links, ::testing::ElementsAre("a", "c"));
+  EXPECT_TRUE(same_bits(both.link_temperatures, (MatrixXd(2, 3) << 1, 8, 9, 3, 4, 5).finished()));
+  EXPECT_TRUE(side_by_side(first, {}).links.empty());
+  EXPECT_EQ(side_by_side(first, {}).link_temperatures.size(), 0);
+}
+
+TEST(DriveSignals, TemperaturesAreThoseOfLinksOfTheChain) {
+  const Robot robot = parse_robot(testing::kOddArm);
+  EXPECT_THAT(link_names(robot), ::testing::ElementsAre("world", "a", "b", "bracket", "c", "d", "e", "tool"));
+  EXPECT_THAT(robot.joints[2].links, ::testing::ElementsAre("b", "bracket")) << "the plate is fixed";
+  EXPECT_THAT(robot.joints[0].links, ::testing::ElementsAre("world"));
+  const auto with = [&](const std::string& names) {
+    const std::string numbers = std::count(names.begin(), names.end(), ',') == 0 ? "20" : "20,21";
+    return parse_measurements(robot,
+                              "configuration,target,turn,slide,skew,elbow,wrist,x,y,z," + names +
+                                  "\n1,A,0.1,0.1,0.1,0.1,0.1,1,2,3," + numbers + "\n",
+                              nullptr, "m.csv");
+  };
+  EXPECT_THAT(with("temperature_bracket,temperature_tool").signals.links, ::testing::ElementsAre("bracket", "tool"));
+  EXPECT_THAT(with("TEMPERATURE_Bracket,temperature_D").signals.links, ::testing::ElementsAre("bracket", "d"));
+  EXPECT_EQ(
+      testing::refusal([&] { with("temperature_f"); }),
+      "m.csv:1: temperature of 'f', which is no link of the chain: expected some of world, a, b, bracket, c, d, e, "
+      "tool");
+  EXPECT_EQ(testing::refusal([&] { with("temperature_bracket,temperature_b"); }),
+            "m.csv:1: temperatures of 'bracket' and 'b', which are fixed to each other: expected that of one of them");
+  EXPECT_REFUSED("repeats 'temperature_a'", with("temperature_a,temperature_A"));
+  EXPECT_REFUSED("unknown unit 'K' in column 'temperature_a[K]': expected [degC]", with("temperature_a[K]"));
+  EXPECT_REFUSED("unknown column 'temperature_'", with("temperature_"));
+}
+
 TEST(DriveSignals, BehindAConventionTorquesDoTheSameWork) {
   JointConvention convention{.name = "coupled", .controller_joints = {"J1", "J2"}, .urdf_joints = kJoints};
   convention.matrix.resize(2, 2);
@@ -171,6 +243,17 @@ TEST(DriveSignals, OfAnotherSizeAreRefused) {
   EXPECT_REFUSED("an impossible payload, expected 0 to 100000", averaged(read));
   read.signals.circumstances = Eigen::Vector2d(-300.0, 1.0);
   EXPECT_REFUSED("an impossible temperature, expected -273.15 to 1000", averaged(read));
+  read.signals.circumstances.resize(0, 0);
+  read.signals.links = {"arm"};
+  EXPECT_REFUSED("0 x 0 temperatures of links, expected 1 x 1, one of each link for each configuration",
+                 averaged(read));
+  read.signals.link_temperatures = MatrixXd::Constant(1, 2, 20.0);
+  EXPECT_REFUSED("1 x 2 temperatures of links, expected 1 x 1", averaged(read));
+  read.signals.link_temperatures = MatrixXd::Constant(1, 1, 2000.0);
+  EXPECT_REFUSED("an impossible temperature of 'arm', expected -273.15 to 1000", averaged(read));
+  read.signals.links = {"arm", "arm"};
+  read.signals.link_temperatures = MatrixXd::Constant(2, 1, 20.0);
+  EXPECT_REFUSED("temperatures of 'arm' are there twice", averaged(read));
 }
 
 }  // namespace

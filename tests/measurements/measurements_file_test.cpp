@@ -68,14 +68,16 @@ TEST(MeasurementsHeader, ColumnsThatAreNoLengthHaveNoUnit) {
 TEST(MeasurementsHeader, EveryMissingColumnIsNamedWithAllThatAreExpected) {
   const std::string rest =
       ": expected configuration, target, x, y, z (or n_x, n_y, n_z, along; or distance) and the joints a, b, "
-      "optionally split, repeat, order, sigma, station, temperature, payload, "
+      "optionally split, repeat, order, sigma, station, temperature, temperature_<link>, payload, "
       "tau_<joint>, an orientation (qw, qx, qy, qz; rx, ry, rz; roll, pitch, yaw; A, B, C; W, P, R) (an orientation's "
       "columns together)";
   EXPECT_EQ(fault("repeat\n"), "m.csv:1: missing columns configuration, target, x, y, z, a, b" + rest);
   EXPECT_EQ(fault("configuration,target,a,b,x,y,z,qy\n"), "m.csv:1: missing columns qw, qx, qz" + rest);
   EXPECT_EQ(testing::refusal([] { parse_configurations("x\n", kTwo, nullptr, "c.csv"); }),
             "c.csv:1: missing columns a, b: expected the joints a, b, optionally configuration, target, x, y, z, "
-            "split, repeat, order, sigma, station, temperature, payload, tau_<joint>, an orientation (qw, qx, qy, qz; "
+            "split, repeat, order, sigma, station, temperature, temperature_<link>, payload, tau_<joint>, an "
+            "orientation (qw, "
+            "qx, qy, qz; "
             "rx, ry, rz; roll, "
             "pitch, yaw; A, "
             "B, C; W, P, R) (an orientation's columns together)");

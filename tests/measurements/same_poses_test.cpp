@@ -154,6 +154,24 @@ TEST(SamePoses, StayApartForTestsAndForOtherApproaches) {
   EXPECT_EQ(with_poses_joined(measured).configurations.size(), 3U);
 }
 
+TEST(SamePoses, StayApartWhereALinkIsWarmerAndElseHaveTheMean) {
+  testing::VirtualExperiment experiment;
+  Measurements measured = experiment.measure(4, {.sigma = 1e-5});
+  for (Index c = 1; c < 4; ++c) {
+    measured.joint_values.col(c) = measured.joint_values.col(0);
+  }
+  measured.signals.links = {"link_1", "link_2"};
+  measured.signals.link_temperatures.resize(2, 4);
+  measured.signals.link_temperatures << 20.0, 20.1, 20.1, 20.1,  //
+      25.0, 25.0, 26.0, 25.1;
+  const Measurements joined = with_poses_joined(measured);
+  ASSERT_EQ(joined.configurations.size(), 2U);
+  EXPECT_EQ(joined.signals.links, measured.signals.links);
+  EXPECT_NEAR(joined.signals.link_temperatures(0, 0), (20.0 + 20.1 + 20.1) / 3.0, 1e-12);
+  EXPECT_NEAR(joined.signals.link_temperatures(1, 0), (25.0 + 25.0 + 25.1) / 3.0, 1e-12);
+  EXPECT_EQ(joined.signals.link_temperatures.col(1), Eigen::Vector2d(20.1, 26.0));
+}
+
 TEST(SamePoses, OfDifferentConfigurationsChangeNothing) {
   testing::VirtualExperiment experiment;
   const Measurements measured = experiment.measure(10);
