@@ -46,7 +46,8 @@ struct Found {
 /// Files that a calibration was made from, which nothing that it writes may replace.
 std::vector<NamedFile> files_of(const Found& found);
 
-/// The measurements with the robot's joint names, if they have none.
+/// The measurements with the robot's joint names, if they have none. Throws InputError for temperatures of links that
+/// the robot does not have.
 std::shared_ptr<const Measurements> named(const std::shared_ptr<const Measurements>& measurements, const Robot& robot);
 
 /// A structured array of the observations: their labels, then these columns.

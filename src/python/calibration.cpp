@@ -7,6 +7,7 @@
 #include <fmt/core.h>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <sstream>
 #include <utility>
 
@@ -184,9 +185,32 @@ KinematicFormat format_named(const std::string& name) {
   throw InputError("format: '" + name + "', expected urdf, dh, mdh, opw, ur_yaml, xacro_yaml or parameters_csv");
 }
 
+/// What holds where `stated` is asked for after `before`: a temperature of the arm is that of all links.
+Circumstances after(const Circumstances& before, const Circumstances& stated) {
+  Circumstances result = stated;
+  result.temperature = std::isnan(stated.temperature) ? before.temperature : stated.temperature;
+  result.payload = std::isnan(stated.payload) ? before.payload : stated.payload;
+  if (std::isnan(stated.temperature)) {
+    result.link_temperatures.insert(before.link_temperatures.begin(), before.link_temperatures.end());
+  }
+  return result;
+}
+
+FoundPointer taken_at(const FoundPointer& found, const Circumstances& stated) {
+  return std::make_shared<Found>(Found{.calibration = found->calibration.at(stated),
+                                       .robot = found->robot,
+                                       .measurements = nullptr,
+                                       .own = found->own,
+                                       .circumstances = after(found->circumstances, stated),
+                                       .origin = found->origin ? found->origin : found});
+}
+
 std::string words_of(const Circumstances& at) {
-  return (std::isnan(at.temperature) ? "" : fmt::format(" at {:g} degC", at.temperature)) +
-         (std::isnan(at.payload) ? "" : fmt::format(" with {:g} kg", at.payload));
+  std::string text = std::isnan(at.temperature) ? "" : fmt::format(" at {:g} degC", at.temperature);
+  for (const auto& [link, temperature] : at.link_temperatures) {
+    text += fmt::format(" with {} at {:g} degC", link, temperature);
+  }
+  return text + (std::isnan(at.payload) ? "" : fmt::format(" with {:g} kg", at.payload));
 }
 
 std::string calibration_text(const Found& found) {
@@ -273,27 +297,25 @@ void bind_calibration(py::module_& module) {
           "q: (N, n) or (n,) [rad or m]. Returns (N, 4, 4) or (4, 4): the flange in the base frame [m].")
       .def(
           "at",
-          [](const FoundPointer& found, double temperature, double payload) {
-            const auto known = [](double stated, double before) { return std::isnan(stated) ? before : stated; };
-            return std::make_shared<Found>(
-                Found{.calibration = found->calibration.at({.temperature = temperature, .payload = payload}),
-                      .robot = found->robot,
-                      .measurements = nullptr,
-                      .own = found->own,
-                      .circumstances = {.temperature = known(temperature, found->circumstances.temperature),
-                                        .payload = known(payload, found->circumstances.payload)},
-                      .origin = found->origin ? found->origin : found});
+          [](const FoundPointer& found, double temperature, double payload,
+             std::map<std::string, double> link_temperatures) {
+            return taken_at(
+                found,
+                {.temperature = temperature, .payload = payload, .link_temperatures = std::move(link_temperatures)});
           },
           "temperature"_a = Circumstances::kUnknown, "payload"_a = Circumstances::kUnknown,
+          "link_temperatures"_a = std::map<std::string, double>(),
           "The same arm at this temperature [degC] and payload [kg] instead of the means of the measurements, for "
-          "predictions and Compensator. Raises InputError where no effect depends on them.")
+          "predictions and Compensator. link_temperatures: by the URDF link, of those that are at another temperature. "
+          "Raises InputError where no effect depends on them.")
       .def_property_readonly("_origin",
                              [](const FoundPointer& found) {
                                return found->origin ? std::const_pointer_cast<Found>(found->origin) : found;
                              })
       .def_property_readonly("_circumstances",
                              [](const Found& found) {
-                               return py::make_tuple(found.circumstances.temperature, found.circumstances.payload);
+                               return py::make_tuple(found.circumstances.temperature, found.circumstances.payload,
+                                                     found.circumstances.link_temperatures);
                              })
       .def_property_readonly(
           "own", [](const Found& found) { return copy_of_effects(found.own); },

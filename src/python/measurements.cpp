@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "interface/calibration_parts.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/orientation_reading.hpp"
 #include "measurements/training_rows.hpp"
@@ -86,6 +87,12 @@ std::shared_ptr<Measurements> from_rows(const Rows& joint_values, const py::dict
   const Doubles circumstances = doubles(given["circumstances"], "circumstances");  // (N, 2), or nothing
   if (circumstances.size() > 0) {
     result->signals.circumstances = Rows(circumstances, 2, "circumstances").transposed();
+  }
+  result->signals.links = names["links"].cast<Names>();
+  if (!result->signals.links.empty()) {
+    const Doubles temperatures = doubles(given["link_temperatures"], "link_temperatures");  // (N, links)
+    result->signals.link_temperatures =
+        Rows(temperatures, result->signals.links.size(), "link_temperatures").transposed();
   }
   const py::ssize_t count = rows.points.shape(0);
   result->observations.reserve(static_cast<std::size_t>(count));
@@ -171,6 +178,7 @@ std::string measurements_text(const Measurements& measurements) {
 }  // namespace
 
 std::shared_ptr<const Measurements> named(const std::shared_ptr<const Measurements>& measurements, const Robot& robot) {
+  require_links(*measurements, robot);
   if (!measurements->joints.empty()) {
     return measurements;
   }

@@ -1,5 +1,5 @@
 from os import PathLike
-from typing import Any, Callable, Iterable, Literal, NamedTuple, Optional, Sequence, Union, overload
+from typing import Any, Callable, Iterable, Literal, Mapping, NamedTuple, Optional, Sequence, Union, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,6 +65,7 @@ class Measurements:
         order: Optional[ArrayLike] = None,
         temperature: Optional[ArrayLike] = None,
         payload: Optional[ArrayLike] = None,
+        link_temperatures: Union[Mapping[str, ArrayLike], ArrayLike, None] = None,
         joint_names: Optional[Iterable[str]] = None,
     ) -> Measurements: ...
     @staticmethod
@@ -237,7 +238,9 @@ class Calibration:
     def result(self) -> dict[str, Any]: ...
     @property
     def own(self) -> dict[str, Any]: ...
-    def at(self, temperature: float = ..., payload: float = ...) -> Calibration: ...
+    def at(
+        self, temperature: float = ..., payload: float = ..., link_temperatures: Mapping[str, float] = ...
+    ) -> Calibration: ...
     @property
     def arm(self) -> Arm: ...
     def predict(

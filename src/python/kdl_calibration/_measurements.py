@@ -1,5 +1,7 @@
 """Measurements from arrays and data frames."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from . import _native
@@ -226,6 +228,28 @@ def _flattened(joints, points, by_row):
     return joints[row], points[measured], result, _Places(row, target, of_targets)
 
 
+def _name_of_link(link):
+    return f"link_temperatures['{link}']"
+
+
+def _by_link(temperatures):
+    """{link: values} of a mapping or a structured array."""
+    if temperatures is None:
+        return {}
+    if isinstance(temperatures, np.ndarray) and temperatures.dtype.names:
+        _refuse_masked(temperatures, "link_temperatures")
+        return {link: temperatures[link] for link in temperatures.dtype.names}
+    if not isinstance(temperatures, Mapping):
+        kind = type(temperatures).__name__
+        raise TypeError(f"link_temperatures: {kind}, expected a mapping of links to numbers or a structured array")
+    if not all(isinstance(link, str) for link in temperatures):
+        raise TypeError(f"link_temperatures: {list(temperatures)}, expected names of links")
+    missing = [link for link, values in temperatures.items() if values is None]
+    if missing:
+        raise TypeError(f"{_name_of_link(missing[0])}: None, expected numbers")
+    return dict(temperatures)
+
+
 def from_arrays(
     joints,
     points,
@@ -240,6 +264,7 @@ def from_arrays(
     order=None,
     temperature=None,
     payload=None,
+    link_temperatures=None,
     joint_names=None,
 ):
     """Measurements from arrays, a row for each measured point.
@@ -254,7 +279,8 @@ def from_arrays(
     each row. orientations: (M, 4) unit quaternions w, x, y, z of the targets' frames. split: "train" or "test".
     repeats: rows of a configuration with the same number were measured together; without them they are counted.
     order: integers, the order of driving. temperature [degC], payload [kg]: one for all or for each row, NaN where not
-    known; a configuration has their mean. joint_names: the robot's, unless stated.
+    known; a configuration has their mean. link_temperatures: the same by the URDF link, a mapping {"link_2": (M,) array}
+    or a structured array; the others have `temperature`. joint_names: the robot's, unless stated.
 
     Raises InputError for other shapes and values that are not finite, TypeError for arrays of other types.
     """
@@ -263,6 +289,8 @@ def from_arrays(
     by_row = {"targets": targets, "configurations": configurations, "stations": stations, "sigma": sigma,
               "orientations": orientations, "split": split, "repeats": repeats, "order": order,
               "temperature": temperature, "payload": payload}  # fmt: skip
+    of_links = _by_link(link_temperatures)
+    by_row.update({_name_of_link(link): values for link, values in of_links.items()})
     for name, values in by_row.items():
         _refuse_masked(values, name)
         by_row[name] = _plain(values)
@@ -278,11 +306,12 @@ def from_arrays(
     if joints.ndim != 2 or len(joints) != count or joints.shape[1] == 0:
         raise InputError(f"joints: an array of shape {joints.shape}, expected ({count}, n), a row for each of points")
     joints = _shaped(joints, "joints", joints.shape)
-    return _from_rows(joints, points, joint_names, place, **by_row)
+    of_links = {link: by_row.pop(_name_of_link(link)) for link in of_links}
+    return _from_rows(joints, points, joint_names, place, link_temperatures=of_links, **by_row)
 
 
 def _from_rows(joints, points, joint_names, place, *, targets, configurations, stations, sigma, orientations, split,
-               repeats, order, temperature, payload):  # fmt: skip
+               repeats, order, temperature, payload, link_temperatures):  # fmt: skip
     count, width = joints.shape
     names, configuration, first = _configurations(joints, configurations, place)
     target_names, target = _numbered(_labels(targets, "targets", count, "A"))
@@ -323,6 +352,8 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
     nothing = np.empty(0)
     around = [_of_configurations(values, name, configuration, len(names))
               for name, values in (("temperature", temperature), ("payload", payload))]  # fmt: skip
+    of_links = [_of_configurations(values, _name_of_link(link), configuration, len(names))
+                for link, values in link_temperatures.items()]  # fmt: skip
     rows = {
         "points": points,
         "orientations": nothing if orientations is None else orientations,
@@ -334,8 +365,9 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
         "repeat": repeat,
         "is_test": _is_test(split, configuration, names, place),
         "circumstances": nothing if temperature is None and payload is None else np.column_stack(around),
+        "link_temperatures": np.column_stack(of_links) if of_links else nothing,
     }
-    stated = {"joints": joint_names, "configurations": names, "targets": target_names, "stations": station_names}
+    stated = {"links": list(link_temperatures), "joints": joint_names, "configurations": names, "targets": target_names, "stations": station_names}
     return _native._from_rows(joints[first], width, rows, stated)
 
 
@@ -344,7 +376,8 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
 
     joints, points: names of its columns, [rad or m] and [m]. Keywords as in from_arrays name a column
     (targets="target") or are arrays; orientations names four. Without them the columns target, configuration,
-    station, sigma, split, repeat, temperature and payload are used if there are any. Needs no pandas beside that of the frame.
+    station, sigma, split, repeat, temperature, temperature_<link> and payload are used if there are any. Needs no
+    pandas beside that of the frame.
     """
     joints, points = list(joints), list(points)
     present = list(frame.columns)
@@ -366,6 +399,16 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
     for keyword, column in usual.items():
         if column in frame.columns:
             columns.setdefault(keyword, column)
+    prefix = "temperature_"
+    of_links = {name[len(prefix) :]: name for name in frame.columns
+                if isinstance(name, str) and name.startswith(prefix) and len(name) > len(prefix)}  # fmt: skip
+    if of_links and not set(of_links.values()) & {*joints, *points}:
+        columns.setdefault("link_temperatures", of_links)
+    if isinstance(columns.get("link_temperatures"), Mapping):
+        columns["link_temperatures"] = {
+            link: frame[values].to_numpy() if isinstance(values, str) and values in frame.columns else values
+            for link, values in columns["link_temperatures"].items()
+        }
     given = {}
     for keyword, value in columns.items():
         if isinstance(value, str) and value in frame.columns:

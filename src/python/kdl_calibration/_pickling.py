@@ -51,8 +51,8 @@ def restore(text, robot, own):
         return _native.load(file, robot, own)
 
 
-def restore_at(origin, temperature, payload):
-    return origin.at(temperature, payload)
+def restore_at(origin, temperature, payload, link_temperatures):
+    return origin.at(temperature, payload, link_temperatures)
 
 
 def reduce(found):
