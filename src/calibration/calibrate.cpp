@@ -1,6 +1,7 @@
 #include "calibration/calibrate.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <optional>
 #include <utility>
@@ -401,13 +402,30 @@ struct Instruments {
   std::optional<DistanceZero> zero;
   const Measurements* from_no_zero = nullptr;  // before the zero was taken off
   int passes = 0;                              // that found other noise of the stations
+  int zeros = 0;                               // that were found beside chosen effects
 
   const Measurements& stated(const Measurements& measurements) const {
     return from_no_zero != nullptr ? *from_no_zero : measurements;
   }
   // For a pass with other noise, which finds the zero anew.
   Instruments again() const { return {.zero = std::nullopt, .passes = passes + 1}; }
+  Instruments with(const DistanceZero& other, const Measurements& without) const {
+    Instruments result = *this;
+    result.zero = other;
+    result.from_no_zero = &without;
+    return result;
+  }
 };
+
+// The zero beside the chosen model. True if it is another one than `zero`, from which the lengths were fitted.
+bool find_again(DistanceZero& zero, const FitProblem& chosen, const Measurements& without) {
+  constexpr double kSame = 0.2;  // sigma
+  const TrainingRows rows(without);
+  const std::optional<DistanceZero> found = zero_of_distances(with_measurements(chosen, *rows), zero.length);
+  const double before = zero.length;
+  zero = found.value_or(zero);
+  return std::abs(zero.length - before) > kSame * zero.sigma;
+}
 
 // The factors of the stations' noise by this fit, if they differ clearly from those of its rows. Stations of distances
 // alone are anchors of one instrument.
@@ -433,7 +451,31 @@ std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFi
 }
 
 Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
-                      GrossRowSearch search, Instruments found = {}) {
+                      GrossRowSearch search, Instruments found = {});
+
+// The calibration from the zero that predicts best what was left out of the fit, else what was fitted.
+Calibrated best_from(const std::vector<DistanceZero>& zeros, const ErrorModel& arm, const Measurements& measurements,
+                     const CalibrationSettings& options, GrossRowSearch search, const Instruments& found) {
+  const auto from = [&](const DistanceZero& zero) {
+    return calibrated(arm, from_zero(measurements, zero.length), options, search, found.with(zero, measurements));
+  };
+  const auto error = [](const Calibrated& one) {
+    const BeforeAfter* left_out = one.result.accuracy.held_out();
+    return left_out != nullptr ? left_out->after.rms : one.result.accuracy.train.after.rms;
+  };
+  Calibrated best = from(zeros.front());
+  for (std::size_t i = 1; i < zeros.size(); ++i) {
+    Calibrated other = from(zeros[i]);
+    if (error(other) < error(best)) {
+      best = std::move(other);
+    }
+  }
+  return best;
+}
+
+Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
+                      GrossRowSearch search, Instruments found) {
+  constexpr int kMostZeros = 4;
   std::optional<DistanceZero>& zero = found.zero;
   const TrainingRows rows(measurements);
   const ErrorModel model = model_at_stations(*rows, arm);
@@ -442,12 +484,9 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
   const FitProblem stated = rigid_problem(robot, *rows, options);
   require_two_step_data(stated.free, *rows, options);
-  if (!zero) {
-    zero = zero_of_distances(stated);
-    if (zero && zero->length != 0.0) {
-      found.from_no_zero = &measurements;
-      return calibrated(arm, from_zero(measurements, zero->length), options, search, found);
-    }
+  if (const std::vector<DistanceZero> zeros = zero ? std::vector<DistanceZero>() : possible_zeros(stated);
+      !zeros.empty()) {
+    return best_from(zeros, arm, measurements, options, search, found);
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
 
@@ -467,6 +506,10 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   WeighedFit fitted = fit_selected(selected, rigid_fit, selection, robot.parameters, options);
   if (const auto factors = other_noise_of_stations(fitted, options, found.passes)) {
     return calibrated(arm, with_noise_factors(found.stated(measurements), *factors), options, search, found.again());
+  }
+  if (zero && found.zeros < kMostZeros && find_again(*zero, at_optimum(fitted), found.stated(measurements))) {
+    ++found.zeros;
+    return calibrated(arm, from_zero(found.stated(measurements), zero->length), options, search, found);
   }
   fitted.without_effects = rigid_options(rigid, rigid_fit, fitted, selection, noise);
   Assessment assessed = assess(fitted.problem, fitted.fit, options.noise.stated, fitted.noise);

@@ -33,9 +33,6 @@ namespace {
 constexpr double kOrdinaryLength = 1e-3;  // [m]
 constexpr double kOrdinaryAngle = 1e-3;   // [rad]
 constexpr double kOrdinaryOffset = 2e-3;  // [rad or m] of a joint's zero
-constexpr double kOrdinaryGain = 1e-3;
-constexpr double kOrdinarySag = 5e-4;     // [rad or m] of a joint under gravity
-constexpr double kOrdinaryEffect = 1e-4;  // [rad or m] of any other effect
 constexpr double kAnywhere = 10.0;        // [m or rad] of a frame of which nothing is known
 
 // The model with all effects that a joint ordinarily has, beside those of the fit or instead of them.
@@ -50,22 +47,6 @@ ErrorModel with_usual_effects(ErrorModel model, bool beside_effects) {
     }
   }
   return model;
-}
-
-double ordinary_size(const EffectTerm& term) {
-  switch (term.group()) {
-    case EffectGroup::gain:
-      return kOrdinaryGain * term.scale;
-    case EffectGroup::gravity:
-    case EffectGroup::payload:
-      return kOrdinarySag;
-    case EffectGroup::coupling: {
-      const bool is_ratio = std::get<JointCoupling>(term.function).times == 0.0;
-      return is_ratio ? kOrdinaryGain * term.scale : kOrdinaryEffect;
-    }
-    default:
-      return kOrdinaryEffect;
-  }
 }
 
 double ordinary_size(const ErrorModel& model, const ErrorParameter& parameter) {
@@ -401,13 +382,15 @@ double OrdinaryFit::misfit_without_effects(Index columns) const {
 }
 
 bool OrdinaryFit::is_seen_from_outside() const {
+  constexpr double kOutside = 0.1;  // of the diagonal
   const std::vector<Eigen::Isometry3d> X_BF = flange_poses(model_, estimate_, rows_);
   std::vector<Eigen::AlignedBox3d> boxes(estimate_.frames.bases.size());
   for (const Observation& row : rows_.observations) {
     boxes[station_of(row)].extend(predicted_point(estimate_, X_BF, row));
   }
-  return std::none_of(boxes.begin(), boxes.end(),
-                      [](const Eigen::AlignedBox3d& points) { return points.contains(Vector3d::Zero()); });
+  return std::none_of(boxes.begin(), boxes.end(), [](const Eigen::AlignedBox3d& points) {
+    return points.exteriorDistance(Vector3d(Vector3d::Zero())) < kOutside * points.diagonal().norm();
+  });
 }
 
 std::size_t OrdinaryFit::station(Index configuration) const {

@@ -54,7 +54,8 @@ public:
   Eigen::Index columns() const { return wide_.size(); }
   /// Whether the noise is stated as that of a tracker, which is at the origin of W.
   bool has_tracker() const { return options_.noise.tracker.has_value(); }
-  /// Whether the origin of W is outside the box of the points, at every station: where a measuring device stands.
+  /// Whether the origin of W is clearly outside the box of the points, at every station: where a measuring device
+  /// stands.
   bool is_seen_from_outside() const;
   /// [m] RMS of the doubted result over the rows, along their measured directions.
   double misfit() const { return misfit_; }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <memory>
 #include <numbers>
@@ -343,6 +344,37 @@ std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group,
   return distinguishable_terms(model, all, stops);
 }
 
+std::vector<EffectTerm> main_gravity_terms(const ErrorModel& model, std::vector<EffectTerm> terms) {
+  constexpr double kMain = 0.15;  // of the largest
+  const VectorXd q = VectorXd::Zero(std::ssize(model.joints));
+  const JointFrames at = joint_frames_of_all(model, q).front();
+  std::vector<PointMass> masses = model.link_masses;
+  for (std::size_t frame = 1; model.link_masses.empty() && frame < at.moved.size(); ++frame) {
+    masses.push_back({.frame = static_cast<int>(frame)});
+  }
+  // Of a joint's torque a_i . sum_l (R_l m_l) x g, the constant m_l in the frame of link l.
+  Eigen::Matrix3Xd moments = Eigen::Matrix3Xd::Zero(3, q.size());
+  for (Index link = 0; link < q.size(); ++link) {
+    const Eigen::Isometry3d& frame = at.moved[static_cast<std::size_t>(link)];
+    const Eigen::Vector3d next = frame.inverse() * at.moved[static_cast<std::size_t>(link) + 1].translation();
+    for (const PointMass& mass : masses) {
+      if (mass.frame >= link) {
+        moments.col(link) += mass.mass * (mass.frame == link ? to_eigen(mass.centre) : next);
+      }
+    }
+  }
+  const auto size = [&](const EffectTerm& term) {
+    const auto& moment = std::get<GravityMoment>(term.function);
+    return moment.axis < 3 ? std::abs(moments(moment.axis, moment.link)) : std::numeric_limits<double>::infinity();
+  };
+  double largest = 0.0;
+  for (const EffectTerm& term : terms) {
+    largest = std::isfinite(size(term)) ? std::max(largest, size(term)) : largest;
+  }
+  std::erase_if(terms, [&](const EffectTerm& term) { return size(term) < kMain * largest; });
+  return terms;
+}
+
 std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own, const MatrixXd& joint_values) {
   const auto found = std::find_if(model.joints.begin(), model.joints.end(),
                                   [&](const MovingJoint& joint) { return joint.name == own.joint; });
@@ -456,6 +488,25 @@ std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model) {
   const std::vector<EffectTerm> gains = gain_terms(model);
   result.insert(result.end(), gains.begin(), gains.end());
   return result;
+}
+
+double ordinary_size(const EffectTerm& term) {
+  constexpr double kOrdinaryGain = 1e-3;
+  constexpr double kOrdinarySag = 5e-4;     // [rad or m] of a joint under gravity
+  constexpr double kOrdinaryEffect = 1e-4;  // [rad or m] of any other effect
+  switch (term.group()) {
+    case EffectGroup::gain:
+      return kOrdinaryGain * term.scale;
+    case EffectGroup::gravity:
+    case EffectGroup::payload:
+      return kOrdinarySag;
+    case EffectGroup::coupling: {
+      const bool is_ratio = std::get<JointCoupling>(term.function).times == 0.0;
+      return is_ratio ? kOrdinaryGain * term.scale : kOrdinaryEffect;
+    }
+    default:
+      return kOrdinaryEffect;
+  }
 }
 
 }  // namespace kdl_calibration

@@ -34,6 +34,9 @@ namespace kdl_calibration {
 /// `sigma` is the table's.
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const Eigen::MatrixXd& joint_values,
                                      const DriveSignals& signals = {});
+/// The gravity terms of the largest moments alone, for few data: those of at least 15 % of the largest, where the
+/// masses are those that the URDF states, or else equal ones at all joint frames and the tip.
+std::vector<EffectTerm> main_gravity_terms(const ErrorModel& model, std::vector<EffectTerm> terms);
 /// `length`: for all joints, but at most half of a joint's measured range.
 std::vector<EffectTerm> table_terms(const ErrorModel& model, const Eigen::MatrixXd& joint_values, double length);
 
@@ -60,5 +63,8 @@ std::vector<EffectTerm> gain_terms(const ErrorModel& model);
 
 /// Both: the effects to expect of joints if nothing is known about them.
 std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model);
+
+/// 1 sigma of the value of such a term in an ordinary arm, of which nothing else is known [rad, m or per unit].
+double ordinary_size(const EffectTerm& term);
 
 }  // namespace kdl_calibration

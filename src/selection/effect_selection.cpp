@@ -342,31 +342,67 @@ private:
     }
   }
 
-  // Few configurations do not prove a better prediction. Every arm sags, so that it need not be proved of gravity.
-  bool is_helpful(const EffectOption& option, const ModelScore& with, const ModelScore& without) const {
-    constexpr Index kFew = 20;
+  // Every arm sags, so that a better prediction need not be proved of gravity.
+  static bool is_helpful(const EffectOption& option, const ModelScore& with, const ModelScore& without) {
     const bool is_better = with.held_out_rms < without.held_out_rms && with.motion <= kLargestMotion;
-    return helps(with, without) || (is_gravity(option) && configurations() < kFew && is_better);
+    return helps(with, without) || (is_gravity(option) && is_better);
+  }
+
+  // Every arm sags. What else explains as much where it was measured, such as harmonics, does not elsewhere.
+  static double evidence_beforehand(const EffectOption& option) {
+    constexpr double kOfGravity = 7.0;  // as much as a group must gain
+    return is_gravity(option) ? kOfGravity : 0.0;
   }
 
   // The option of highest evidence among those that help and reach this evidence; tables with the longest length.
   template <class Filter>
   std::optional<Step> likeliest(Route& route, TriedModels& tried, Filter is_asked, double wanted) const {
     std::optional<Step> best;
+    double most = 0.0;
     for (std::size_t i = 0; i < route.left.size(); ++i) {
       EffectOption& option = route.left[i];
-      if (!is_asked(option) || configurations_for(route.model, option) > configurations()) {
+      if (!is_asked(option)) {
+        continue;
+      }
+      if (is_gravity(option) && configurations_for(route.model, option) > configurations()) {
+        option = main_of(option);
+      }
+      if (configurations_for(route.model, option) > configurations()) {
         continue;
       }
       ModelScore with = scorer_.score_of(extended(route.model, option), tried, wanted);
+      if (is_gravity(option)) {
+        reduce(route.model, option, with, tried, wanted);
+      }
       if (is_tables(option) && with.determined) {
         shorten(route.model, option, with, tried);
       }
-      if (is_helpful(option, with, route.score) && (!best || with.sizes.evidence > best->score.sizes.evidence)) {
+      const double evidence = with.sizes.evidence + evidence_beforehand(option);
+      if (is_helpful(option, with, route.score) && (!best || evidence > most)) {
         best = Step{.option = i, .score = std::move(with)};
+        most = evidence;
       }
     }
     return best;
+  }
+
+  EffectOption main_of(const EffectOption& gravity) const {
+    return {.name = gravity.name, .terms = main_gravity_terms(task_.model, gravity.terms)};
+  }
+
+  // Gravity's main terms alone, where they are likelier and predict as well: many terms of one size hide the few that
+  // are large.
+  void reduce(const CandidateModel& beside, EffectOption& gravity, ModelScore& all, TriedModels& tried,
+              double wanted) const {
+    EffectOption fewer = main_of(gravity);
+    if (fewer.terms.size() == gravity.terms.size()) {
+      return;
+    }
+    ModelScore with = scorer_.score_of(extended(beside, fewer), tried, std::max(wanted, all.sizes.evidence));
+    if (with.determined && (!all.determined || predicts_as_well(with, all))) {
+      gravity = std::move(fewer);
+      all = std::move(with);
+    }
   }
 
   // Shortens the correlation length while the prediction improves, or stays equal with higher evidence.

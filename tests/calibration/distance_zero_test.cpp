@@ -5,7 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <utility>
 
+#include "effects/effect_terms.hpp"
 #include "geometry_alone.hpp"
 #include "interface/calibration_parts.hpp"
 #include "interface/ways_to_measure.hpp"
@@ -16,6 +19,7 @@ namespace {
 
 using ::testing::Contains;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 Measurements longer(Measurements measurements, double zero) {
   for (Observation& row : measurements.observations) {
@@ -78,6 +82,29 @@ TEST(DistanceZero, ThatIsNotSignificantIsUncertainByWhatWasFound) {
     largest = std::max(largest, std::abs(found) / with.sigma);
   }
   EXPECT_GT(largest, 0.7);  // else both would be alike
+}
+
+// Joints that sag under gravity lengthen and shorten distances, too. What is found beside the effects is the zero alone,
+// and the arm is right.
+TEST(DistanceZero, IsNotMistakenForSag) {
+  CalibrationOptions options;
+  options.noise = {.scale_sigma = 0.0, .length_sigma = 0.0};  // the devices are exact
+  options.threads = 1;
+  for (const auto& [seed, zero] : {std::pair{1, 0.0}, std::pair{2, 0.003}, std::pair{3, 0.0}, std::pair{4, -0.001}}) {
+    testing::Distances experiment(static_cast<std::uint64_t>(seed));
+    VirtualRobot& robot = experiment.robot;
+    robot.model.effects = load_terms(experiment.model);
+    robot.truth.effects.resize(std::ssize(robot.model.effects));
+    for (double& sag : robot.truth.effects) {
+      sag = 3e-4 * experiment.random.normal();
+    }
+    const Calibration found = calibrate(testing::bundled_robot(),
+                                        longer(experiment.measured(3, false, 100, testing::kNoise), zero), options);
+    EXPECT_THAT(found.doubts(), IsEmpty()) << seed;
+    EXPECT_NEAR(zero_of(found).length, zero, 4.0 * zero_of(found).sigma) << seed;
+    EXPECT_LT(zero_of(found).sigma, 5e-4) << seed;
+    EXPECT_LT(testing::distance_from_truth(found, experiment), 2e-4) << seed;
+  }
 }
 
 // Right distances keep their lengths; points, and the length of a bar that is stated, have no zero.

@@ -14,6 +14,8 @@
 #include "effects/effect_terms.hpp"
 #include "effects/joint_effects.hpp"
 #include "estimation/prediction.hpp"
+#include "geometry_alone.hpp"
+#include "interface/ways_to_measure.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "measurements/drive_signals.hpp"
 #include "mistakes_support.hpp"
@@ -420,6 +422,53 @@ TEST(EffectSelection, OfFewConfigurationsOnlyWhatTheyCanTell) {
   const CalibrationResult found = calibrate(arm.model, arm.measured, automatic());
   for (const ModelOption& option : found.selection.tried) {
     EXPECT_THAT(option.effects, ::testing::AnyOf(IsEmpty(), ::testing::ElementsAre("gravity")));
+  }
+}
+
+/// What is found of an arm whose second and third joint sag by up to half a milliradian.
+struct Sagging {
+  std::set<EffectGroup> groups;
+  std::size_t terms = 0;
+  double distance = 0.0;  ///< [m] largest from the truth
+};
+
+template <class Experiment, class Measure>
+Sagging found_of(Experiment experiment, const Measure& measure) {
+  VirtualRobot& robot = experiment.robot;
+  robot.model.effects = load_terms(experiment.model);
+  robot.truth.effects = 3e-4 * Eigen::VectorXd::Ones(std::ssize(robot.model.effects));
+  for (std::size_t i = 0; i < robot.model.effects.size(); ++i) {
+    robot.truth.effects[static_cast<Eigen::Index>(i)] *= robot.model.effects[i].index == 2 ? 1.0 : -1.5;
+  }
+  CalibrationOptions options;
+  options.diagnosis.try_readings = false;
+  options.validation.held_out = false;
+  options.threads = 1;
+  const Calibration found = calibrate(testing::bundled_robot(), measure(experiment), options);
+  Sagging result{.terms = found.parts().model.effects.size()};
+  for (const EffectTerm& term : found.parts().model.effects) {
+    result.groups.insert(term.group());
+  }
+  result.distance = testing::distance_from_truth(found, experiment);
+  return result;
+}
+
+// One coordinate of each configuration is too little for the thirty terms of gravity, so that those of play would take
+// their place, and three for a size that thirty terms share. Every arm sags: the main terms alone are tried.
+TEST(EffectSelection, SagIsFoundByFewCoordinates) {
+  const auto distances = [](testing::Distances& arm) { return arm.measured(3, false, 60, 2e-5); };
+  const auto sockets = [](testing::Ball& arm) {
+    return arm.touched(4, 60, 2e-5, {{0.0, 0.0, 0.0}, {0.4, 0.0, 0.0}, {0.0, 0.3, 0.0}});
+  };
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    for (const Sagging& found :
+         {found_of(testing::Distances(seed), distances), found_of(testing::Ball(seed), sockets)}) {
+      EXPECT_TRUE(found.groups.contains(EffectGroup::gravity)) << seed;
+      EXPECT_FALSE(found.groups.contains(EffectGroup::backlash)) << seed;
+      EXPECT_FALSE(found.groups.contains(EffectGroup::harmonics)) << seed;
+      EXPECT_LE(found.terms, 10U) << seed;
+      EXPECT_LT(found.distance, 5e-4) << seed;  // several millimetres without gravity
+    }
   }
 }
 
