@@ -97,6 +97,34 @@ Figure figure(const std::string& name) {
   return name == "mean" ? Figure::mean : name == "p95" ? Figure::p95 : Figure::max;
 }
 
+// The URDF's joints of a controller's, each once: those that its zero turns. Names of the URDF stay.
+std::vector<std::string> suspects(const std::vector<std::string>& named, const JointConvention* convention) {
+  if (convention == nullptr) {
+    return named;
+  }
+  std::vector<std::string> joints;
+  const auto add = [&](const std::string& joint) {
+    if (std::find(joints.begin(), joints.end(), joint) == joints.end()) {
+      joints.push_back(joint);
+    }
+  };
+  const std::vector<std::string>& of_controller = convention->controller_joints;
+  for (const std::string& name : named) {
+    const auto found = std::find(of_controller.begin(), of_controller.end(), name);
+    if (found == of_controller.end()) {
+      add(name);
+      continue;
+    }
+    const auto column = convention->matrix.col(std::distance(of_controller.begin(), found));
+    for (Index row = 0; row < column.size(); ++row) {
+      if (column[row] != 0.0) {
+        add(convention->urdf_joints[static_cast<std::size_t>(row)]);
+      }
+    }
+  }
+  return joints;
+}
+
 PlanSetting setting(const PlanArguments& arguments) {
   PlanSetting result;
   PlanRequest& request = result.request;
@@ -117,7 +145,7 @@ PlanSetting setting(const PlanArguments& arguments) {
   }
   if (!arguments.after.empty()) {
     request.calibrated = read_result(arguments.after, request.robot);
-    request.suspects = arguments.suspects;
+    request.suspects = suspects(arguments.suspects, convention);
   }
   const FacingTargets facing = targets(arguments, model, request);
   request.targets = facing.targets;

@@ -85,6 +85,7 @@ std::string opw_yaml(const Robot& robot, const std::string& note) {
   }
   text += "opw_kinematics_joint_offsets: " + yaml_list(opw.offsets) +
           "\nopw_kinematics_joint_sign_corrections: " + yaml_list(opw.signs) + "\n";
+  text += "# The plugin knows neither frame: pose of the tip = base * (OPW kinematics) * tip.\n";
   for (const auto& [name, frame] : {std::pair{"base", opw.base}, std::pair{"tip", opw.tip}}) {
     const Eigen::Isometry3d X = to_eigen(frame);
     const Eigen::Quaterniond turn(X.linear());

@@ -605,6 +605,22 @@ TEST_F(PlanCommand, EightConfigurationsTellWhatHasChanged) {
                                 Not(HasSubstr("joint_2"))));
   expect_refused(after + Words{"--force", "--suspect", "joint_1,joint_9"},
                  {"--suspect", "no joint 'joint_9'", "joint_1, joint_2"});
+  // The controller's J3 turns two joints of the URDF, its J2 the second alone.
+  write("c.json", R"({"controller_joints": ["J1", "J2", "J3"], "urdf_joints": ["joint_1", "joint_2", "joint_3"],
+      "matrix": [[1, 0, 0], [0, 1, 1], [0, 0, -1]], "offset": [0, 0, 0]})");
+  const auto plan_of = [&](const std::string& suspects, Words convention) {
+    return run_json(after + Words{"--force", "--suspect", suspects} + std::move(convention))["configurations"].size();
+  };
+  const auto sheet_of = [&](const std::string& suspects) {
+    EXPECT_EQ(plan_of(suspects, {"--joint-convention", "c.json"}), 8U);
+    return text_of("few.csv");
+  };
+  const std::string of_both = sheet_of("joint_2,joint_3");
+  const std::string of_one = sheet_of("joint_2");
+  EXPECT_NE(of_both, of_one);
+  EXPECT_EQ(sheet_of("J3"), of_both);
+  EXPECT_EQ(sheet_of("joint_3,J2,J3"), of_both);
+  EXPECT_EQ(sheet_of("J2"), of_one);
 }
 
 TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
