@@ -388,6 +388,11 @@ void set_temperature(ErrorModel& model, const std::string& link, double temperat
   if (!std::isfinite(temperature)) {
     refuse_input("temperature of " + shown(link) + ": not finite", "a number");
   }
+  const auto [least, most] = possible_range(Circumstance::temperature);
+  if (!(temperature >= least && temperature <= most)) {
+    refuse_input(fmt::format("temperature of {}: {} is impossible", shown(link), temperature),
+                 fmt::format("{} to {}", least, most));
+  }
   std::vector<std::string> possible;
   for (const EffectTerm& term : model.effects) {
     const std::vector<std::string>& links = model.joints[static_cast<std::size_t>(term.index)].links;

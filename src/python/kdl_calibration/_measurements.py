@@ -14,9 +14,11 @@ _SMALLEST_SIGMA = 1e-15  # [m] as in files
 
 def _plain(values):
     """A nullable column of pandas as an array of numpy: numbers with NaN, labels and other words with None."""
-    kind = getattr(getattr(values, "dtype", None), "kind", None)
-    if kind is None or isinstance(values, np.ndarray) or not hasattr(values, "isna"):
+    if isinstance(values, np.ndarray) or not hasattr(values, "to_numpy"):
         return values
+    kind = getattr(getattr(values, "dtype", None), "kind", None)
+    if kind is None or not hasattr(values, "isna"):
+        return values.to_numpy()
     missing = np.asarray(values.isna())
     if not missing.any():
         return np.asarray(values.to_numpy(dtype=values.dtype.numpy_dtype if hasattr(values.dtype, "numpy_dtype") else None))
@@ -406,7 +408,7 @@ def from_pandas(frame, joints, points=("x", "y", "z"), **columns):
         columns.setdefault("link_temperatures", of_links)
     if isinstance(columns.get("link_temperatures"), Mapping):
         columns["link_temperatures"] = {
-            link: frame[values].to_numpy() if isinstance(values, str) and values in frame.columns else values
+            link: column_of(values) if isinstance(values, str) and values in frame.columns else values
             for link, values in columns["link_temperatures"].items()
         }
     given = {}
