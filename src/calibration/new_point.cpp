@@ -158,7 +158,14 @@ NewPointErrors new_point_errors(const CalibrationResult& calibration, const Meas
   const auto expanded = [&](double rms) {
     return result.coverage_factor * std::hypot(rms, calibration.uncertainty.predicted.of_assumptions, result.of_one);
   };
-  const double chosen = left_out == nullptr             ? errors.after.rms
+  // Fitted rows follow the fit: a new one is off by their error and twice the variance of the prediction (Mallows
+  // 1973).
+  const PredictedAccuracy& predicted = calibration.uncertainty.predicted;
+  const double of_fit =
+      result.rows == NewPointErrors::Rows::fitted && predicted.measured.count > 0
+          ? 2.0 * std::max(std::pow(predicted.measured.rms, 2) - std::pow(predicted.of_assumptions, 2), 0.0)
+          : 0.0;
+  const double chosen = left_out == nullptr             ? std::sqrt(std::pow(errors.after.rms, 2) + of_fit)
                         : accuracy.nested_leave_one_out ? accuracy.nested_leave_one_out->rms
                                                         : errors.after.rms * calibration.selection.optimism;
   result.compensated = expanded(chosen);

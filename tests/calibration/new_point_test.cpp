@@ -10,7 +10,13 @@
 #include <string>
 
 #include "base/distributions.hpp"
+#include "base/random.hpp"
+#include "estimation/prediction.hpp"
+#include "geometry_alone.hpp"
+#include "interface/calibration_parts.hpp"
+#include "kdl_calibration/calibrate.hpp"
 #include "kdl_calibration/noise_model.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::new_point_test {
 namespace {
@@ -275,6 +281,28 @@ TEST(NewPoint, StatesTheErrorsOfAllRobotsInTheSameWay) {
 
   found.accuracy.nested_leave_one_out = ErrorStatistics{.count = 5, .rms = 4e-4};
   EXPECT_NEAR(new_point_errors(found, measurements).compensated, 2.649 * std::hypot(4e-4, 3e-5), 1e-6);
+}
+
+// Monte Carlo: the same configurations are measured once more. Fitted rows follow their noise, new ones do not.
+TEST(NewPoint, OfFittedRowsIsAsFarOffAsANewMeasurementOfThem) {
+  double measured = 0.0;
+  double stated = 0.0;
+  double fitted = 0.0;
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    testing::VirtualExperiment experiment({.random = Random(seed)});
+    const Eigen::MatrixXd q = experiment.configurations(8);
+    const Measurements rows = testing::without_sigmas(experiment.measure(q, {.sigma = 5e-5}));
+    const Measurements again = testing::without_sigmas(experiment.measure(q, {.sigma = 5e-5}));
+    const Calibration found = calibrate(testing::bundled_robot(), rows, testing::geometry_alone());
+    const CalibrationParts& parts = found.parts();
+    const NewPointErrors errors = new_point_errors(*parts.fitted, rows);
+    ASSERT_EQ(errors.rows, NewPointErrors::Rows::fitted);
+    measured += std::pow(error_statistics(position_errors(parts.model, parts.estimate, again)).rms, 2);
+    stated += std::pow(errors.compensated / errors.coverage_factor, 2);
+    fitted += std::pow(parts.fitted->accuracy.train.after.rms, 2);
+  }
+  EXPECT_NEAR(std::sqrt(stated / measured), 1.0, 0.06);  // 3 sigma of 40 robots
+  EXPECT_LT(std::sqrt(fitted / measured), 0.75);
 }
 
 }  // namespace
