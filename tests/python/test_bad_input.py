@@ -72,10 +72,11 @@ def test_messages_name_keywords(robot, tmp_path):
         with pytest.raises(kc.InputError) as raised:
             kc.read_measurements(robot, file, orientation=orientation)
         assert words in str(raised.value) and "--" not in str(raised.value)
-    named = tmp_path / "my--orientation.csv"
-    named.write_text("configuration\n")
-    with pytest.raises(kc.InputError, match="my--orientation.csv"):
-        kc.read_measurements(robot, named)
+    for name in ("my--orientation.csv", "my--orientation"):
+        named = tmp_path / name
+        named.write_text("configuration\n")
+        with pytest.raises(kc.InputError, match=f"/{name}:"):
+            kc.read_measurements(robot, named)
 
 
 def test_messages_name_the_structure_of_an_option(robot, measurements):

@@ -99,6 +99,18 @@ def test_options(robot, measurements):
     assert not [name for name in held.estimated if name.startswith(("base", "A."))]
 
 
+def test_as_many_folds_as_configurations_leave_each_out_once(robot, measurements):
+    rows = {**rows_of(measurements), "split": None}
+    m = kc.from_arrays(**rows)
+    folds = kc.calibrate(robot, m, **PLAIN, validation={"k_fold": len(m.configurations)}).accuracy
+    each = kc.calibrate(robot, m, **PLAIN, validation={"leave_one_out": True}).accuracy
+    assert folds.folds == len(m.configurations) == 28
+    for errors in ("before", "after"):
+        for figure in ("count", "rms", "max"):
+            by_folds, by_each = (getattr(getattr(of, errors), figure) for of in (folds.k_fold, each.leave_one_out))
+            assert by_folds == pytest.approx(by_each, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("options", "kind", "message"),
     [
@@ -146,6 +158,17 @@ def test_saved_and_pickled(found, robot, tmp_path, measurements):
     other = pickle.loads(pickle.dumps(measurements))
     assert other.csv() == measurements.csv() and other.joints == measurements.joints
     assert pickle.loads(pickle.dumps(robot)).urdf == robot.urdf
+
+
+@pytest.mark.parametrize("ends", [{"tip": "link_5"}, {"base": "link_1"}, {"base": "link_1", "tip": "link_5"}])
+def test_a_copy_of_a_robot_is_the_same_chain(robot, ends):
+    chain = kc.parse_robot(robot.urdf, **ends, source="cell.urdf")
+    copy = pickle.loads(pickle.dumps(chain))
+    assert {end: getattr(copy, end) for end in ends} == ends
+    for name in ("name", "source", "base", "tip", "joints", "joint_types"):
+        assert getattr(copy, name) == getattr(chain, name)
+    assert len(copy.joints) == 6 - len(ends) and repr(copy) == repr(chain)
+    np.testing.assert_array_equal(copy.limits, chain.limits)
 
 
 def test_a_result_of_another_robot(found, tmp_path):
@@ -208,6 +231,19 @@ def test_plan(robot):
     assert plan.csv().count("\n") > 60
     with pytest.raises(kc.InputError, match="configurations"):
         kc.plan(robot, count=2)
+
+
+def test_plan_promises_what_kdlcal_prints(robot, tmp_path):
+    plan = kc.plan(robot, count=20, noise=5e-5, seed=5)
+    printed = subprocess.run(
+        [KDLCAL, "plan", "--urdf", URDF_DIR / "fanuc_r2000ic_165f.urdf", "--configurations", "20", "--noise", "5e-5",
+         "--seed", "5", "--output", tmp_path / "plan.csv"], check=True, capture_output=True, text=True).stdout  # fmt: skip
+    header, line = (re.search(rf"^ *{words} (.*)$", printed, re.M)[1].split() for words in
+                    (r"predicted 1 sigma \[mm\]", "this plan"))  # fmt: skip
+    promised = dict(zip(header, map(float, line)))  # [mm]
+    assert plan.predicted_mean * 1e3 == pytest.approx(promised["mean"], abs=6e-5)
+    assert plan.predicted_max * 1e3 == pytest.approx(promised["max"], abs=6e-5)
+    assert promised["max"] > 1.05 * promised["mean"]
 
 
 def test_plan_beside_the_column(robot):
