@@ -40,6 +40,9 @@ const Measurements& Found::fitted() const {
 }
 
 std::vector<NamedFile> files_of(const Found& found) {
+  if (found.origin) {
+    return files_of(*found.origin);
+  }
   std::vector<NamedFile> files = {{.option = "the robot", .path = found.robot->source}};
   if (found.measurements && !found.measurements->source.empty()) {
     files.push_back({.option = "the calibration", .path = found.measurements->source});

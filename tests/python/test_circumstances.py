@@ -126,6 +126,20 @@ def test_why_there_are_no_residuals_at_a_temperature(robot, warm):
         found.at(temperature=30.0).residuals
 
 
+def test_at_a_temperature_no_file_of_the_calibration_is_replaced(robot, warm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.csv").write_text(measured(warm, temperature=warm[3], joint_names=robot.joints).csv())
+    found = kc.calibrate(robot, kc.read_measurements(robot, "m.csv"), effects={"groups": ["drift"]}, **PLAIN)
+    found.save("r.json")
+    loaded = kc.load("r.json", robot)
+    written = {name: (tmp_path / name).read_bytes() for name in ("m.csv", "r.json")}
+    for own, name in ((found, "m.csv"), (loaded, "r.json")):
+        for each in (own, own.at(temperature=30.0), own.at(temperature=30.0).at(temperature=34.0)):
+            with pytest.raises(kc.InputError, match=f"'{name}' is the file that .* reads"):
+                each.write_urdf(name)
+    assert {name: (tmp_path / name).read_bytes() for name in written} == written
+
+
 def test_a_copy_with_a_payload(robot):
     m, _ = kc.simulate(robot, configurations=40, noise=3e-5, length_error=1e-3, angle_error=1e-3, seed=3)
     rows = m.observations
