@@ -84,8 +84,8 @@ TEST(DistanceZero, ThatIsNotSignificantIsUncertainByWhatWasFound) {
   EXPECT_GT(largest, 0.7);  // else both would be alike
 }
 
-// Joints that sag under gravity lengthen and shorten distances, too. What is found beside the effects is the zero alone,
-// and the arm is right.
+// Joints that sag under gravity lengthen and shorten distances, too. What is found beside the effects is the zero
+// alone, and the arm is right.
 TEST(DistanceZero, IsNotMistakenForSag) {
   CalibrationOptions options;
   options.noise = {.scale_sigma = 0.0, .length_sigma = 0.0};  // the devices are exact
@@ -98,8 +98,8 @@ TEST(DistanceZero, IsNotMistakenForSag) {
     for (double& sag : robot.truth.effects) {
       sag = 3e-4 * experiment.random.normal();
     }
-    const Calibration found = calibrate(testing::bundled_robot(),
-                                        longer(experiment.measured(3, false, 100, testing::kNoise), zero), options);
+    const Calibration found =
+        calibrate(testing::bundled_robot(), longer(experiment.measured(3, false, 100, testing::kNoise), zero), options);
     EXPECT_THAT(found.doubts(), IsEmpty()) << seed;
     EXPECT_NEAR(zero_of(found).length, zero, 4.0 * zero_of(found).sigma) << seed;
     EXPECT_LT(zero_of(found).sigma, 5e-4) << seed;
