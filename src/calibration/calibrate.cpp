@@ -407,6 +407,7 @@ struct Instruments {
   const Measurements& stated(const Measurements& measurements) const {
     return from_no_zero != nullptr ? *from_no_zero : measurements;
   }
+  bool may_find_another() const { return zeros < 4; }
   // For a pass with other noise, which finds the zero anew.
   Instruments again() const { return {.zero = std::nullopt, .passes = passes + 1}; }
   Instruments with(const DistanceZero& other, const Measurements& without) const {
@@ -450,15 +451,9 @@ std::optional<std::vector<NoiseFactors>> other_noise_of_stations(const WeighedFi
   return settled ? std::nullopt : std::optional(std::move(found));
 }
 
-Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
-                      GrossRowSearch search, Instruments found = {});
-
-// The calibration from the zero that predicts best what was left out of the fit, else what was fitted.
-Calibrated best_from(const std::vector<DistanceZero>& zeros, const ErrorModel& arm, const Measurements& measurements,
-                     const CalibrationSettings& options, GrossRowSearch search, const Instruments& found) {
-  const auto from = [&](const DistanceZero& zero) {
-    return calibrated(arm, from_zero(measurements, zero.length), options, search, found.with(zero, measurements));
-  };
+// The calibration `from` the zero that predicts best what was left out of the fit, else what was fitted.
+template <class From>
+Calibrated best_from(const std::vector<DistanceZero>& zeros, const From& from) {
   const auto error = [](const Calibrated& one) {
     const BeforeAfter* left_out = one.result.accuracy.held_out();
     return left_out != nullptr ? left_out->after.rms : one.result.accuracy.train.after.rms;
@@ -474,8 +469,7 @@ Calibrated best_from(const std::vector<DistanceZero>& zeros, const ErrorModel& a
 }
 
 Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, const CalibrationSettings& options,
-                      GrossRowSearch search, Instruments found) {
-  constexpr int kMostZeros = 4;
+                      GrossRowSearch search, Instruments found = {}) {
   std::optional<DistanceZero>& zero = found.zero;
   const TrainingRows rows(measurements);
   const ErrorModel model = model_at_stations(*rows, arm);
@@ -484,9 +478,10 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   const RegisteredRobot robot = register_robot(model, *rows, options.parameters, options.selection.earlier.get());
   const FitProblem stated = rigid_problem(robot, *rows, options);
   require_two_step_data(stated.free, *rows, options);
-  if (const std::vector<DistanceZero> zeros = zero ? std::vector<DistanceZero>() : possible_zeros(stated);
-      !zeros.empty()) {
-    return best_from(zeros, arm, measurements, options, search, found);
+  if (const auto zeros = zero ? std::vector<DistanceZero>() : possible_zeros(stated); !zeros.empty()) {
+    return best_from(zeros, [&](const DistanceZero& start) {
+      return calibrated(arm, from_zero(measurements, start.length), options, search, found.with(start, measurements));
+    });
   }
   std::vector<QualityFinding> findings = screened(stated, measurements, options.progress);
 
@@ -507,7 +502,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   if (const auto factors = other_noise_of_stations(fitted, options, found.passes)) {
     return calibrated(arm, with_noise_factors(found.stated(measurements), *factors), options, search, found.again());
   }
-  if (zero && found.zeros < kMostZeros && find_again(*zero, at_optimum(fitted), found.stated(measurements))) {
+  if (zero && found.may_find_another() && find_again(*zero, at_optimum(fitted), found.stated(measurements))) {
     ++found.zeros;
     return calibrated(arm, from_zero(found.stated(measurements), zero->length), options, search, found);
   }
@@ -531,9 +526,7 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
   result.accuracy = validated.accuracy;
   result.held_out_points = std::move(validated.held_out_points);
   result.exported = std::move(validated.exported);
-  if (options.diagnosis.convention) {
-    result.offsets_alone = fitted_offsets_alone(rigid, rigid_fit.free);
-  }
+  result.offsets_alone = options.diagnosis.convention ? fitted_offsets_alone(rigid, rigid_fit.free) : std::nullopt;
   return {std::move(result), std::move(findings), std::move(gross), robot.ambiguity, std::move(validated.remarks)};
 }
 

@@ -354,10 +354,10 @@ OrdinaryFit::EffectColumns OrdinaryFit::of_effects(const std::vector<EffectTerm>
 
 VectorXd OrdinaryFit::at_points(const Eigen::Matrix3Xd& displacements) const {
   const Index targets = std::ssize(estimate_.frames.targets);
-  const Eigen::Matrix3Xd in_W = estimate_.frames.base().linear() * displacements;
-  VectorXd points(3 * targets * in_W.cols());
-  for (Index i = 0; i < targets * in_W.cols(); ++i) {
-    points.segment<3>(3 * i) = in_W.col(i / targets);
+  const Eigen::Matrix3Xd in_world = estimate_.frames.base().linear() * displacements;
+  VectorXd points(3 * targets * in_world.cols());
+  for (Index i = 0; i < targets * in_world.cols(); ++i) {
+    points.segment<3>(3 * i) = in_world.col(i / targets);
   }
   return points;
 }

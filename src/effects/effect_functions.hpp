@@ -57,7 +57,8 @@ Eigen::MatrixXd checked_columns(const std::string& what, const OwnColumns& colum
                                 const Eigen::MatrixXd& joint_values);
 /// The same. Throws InputError if a row depends on the others, such as on their mean: it would be another one in every
 /// prediction.
-Eigen::MatrixXd columns_by_row(const std::string& what, const OwnColumns& columns, const Eigen::MatrixXd& joint_values);
+Eigen::MatrixXd columns_by_row(const std::string& what, const OwnColumns& function,
+                               const Eigen::MatrixXd& joint_values);
 /// The function's own column of them.
 Eigen::VectorXd own_values(const OwnFunction& own, const Eigen::MatrixXd& columns);
 
