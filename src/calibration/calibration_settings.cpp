@@ -1,13 +1,12 @@
 #include "calibration/calibration_settings.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <set>
 #include <string>
 #include <utility>
 
 #include "base/preconditions.hpp"
-#include "base/text.hpp"
+#include "effects/effect_functions.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 
@@ -36,19 +35,7 @@ void require_no_other_choice(const CalibrationOptions& options) {
 void require_names(const std::vector<OwnEffect>& effects) {
   std::set<std::string> names;
   for (const OwnEffect& effect : effects) {
-    const bool is_word = !effect.name.empty() && std::all_of(effect.name.begin(), effect.name.end(), [](char c) {
-      return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-';
-    });
-    if (!is_word) {
-      throw OptionError("effects.own",
-                        shown(effect.name) + " is not accepted as a name, expected letters, digits, _ and -");
-    }
-    if (!names.insert(effect.name).second) {
-      throw OptionError("effects.own", effect.name + " is given twice, expected each name once");
-    }
-    if (!effect.columns) {
-      throw OptionError("effects.own", effect.name + " has no function, expected one of the joint values");
-    }
+    require_named("effects.own", effect.name, effect.columns, names);
   }
 }
 

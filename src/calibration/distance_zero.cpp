@@ -84,8 +84,6 @@ DistanceZero if_certain(const DistanceZero& zero) {
 
 // Beside the sag and gain that joints ordinarily have, weighed by what the geometry alone leaves.
 std::optional<DistanceZero> zero_beside_usual_effects(const FitProblem& rigid, const DistanceZero& without) {
-  constexpr double kOrdinaryLength = 1e-3;  // [m]
-  constexpr double kOrdinaryAngle = 1e-3;   // [rad]
   const Measurements rows = from_zero(rigid.measurements, without.length);
   const Identification geometry = fit(with_measurements(rigid, rows));
   if (!has_converged(geometry) || !(geometry.rms > 0.0)) {
@@ -103,7 +101,7 @@ std::optional<DistanceZero> zero_beside_usual_effects(const FitProblem& rigid, c
                      .options = rigid.options};
   problem.start.effects = Eigen::VectorXd::Zero(std::ssize(model.effects));
   ResidualOptions& residuals = problem.options.joint.residuals;
-  residuals.priors = {.length = kOrdinaryLength, .angle = kOrdinaryAngle};
+  residuals.priors = kOrdinaryErrors;
   if (!noise_is_stated(rigid.measurements, residuals.noise)) {
     const auto points = static_cast<double>(rows.observations.size());
     residuals.noise.independent.setConstant(geometry.rms * std::sqrt(points / static_cast<double>(dimension(rows))));

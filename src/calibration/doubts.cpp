@@ -12,6 +12,7 @@
 #include "base/text.hpp"
 #include "calibration/noise_report.hpp"
 #include "calibration/parameter_estimates.hpp"
+#include "calibration/predicted_accuracy.hpp"
 #include "calibration/prior_check.hpp"
 #include "calibration/validation_stage.hpp"
 #include "measurements/readings.hpp"
@@ -262,8 +263,7 @@ Doubts of_lengths(const CalibrationResult& found, const Diagnosis& diagnosis, co
   const bool is_named = !diagnosis.gross_rows.rows.empty() || !diagnosis.findings.empty();
   const bool are_many = 2 * rows_of_single_coordinates(measurements) > measurements.observations.size();
   const PredictedAccuracy& predicted = found.uncertainty.predicted;
-  const double open =
-      std::sqrt(std::max(std::pow(predicted.measured.rms, 2) - std::pow(predicted.of_assumptions, 2), 0.0));
+  const double open = std::sqrt(variance_of_fit(predicted));
   const bool is_known = predicted.measured.count > 0;
   if (!is_named && are_many && is_known && open > kMostUncertain * found.noise.sigma && open > kSmallest) {
     const double excess = std::sqrt(found.noise.variance_factor);

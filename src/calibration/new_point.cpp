@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/distributions.hpp"
+#include "calibration/predicted_accuracy.hpp"
 #include "estimation/residual_options.hpp"
 #include "kdl_calibration/noise_model.hpp"
 #include "measurements/readings.hpp"
@@ -161,10 +162,8 @@ NewPointErrors new_point_errors(const CalibrationResult& calibration, const Meas
   // Fitted rows follow the fit: a new one is off by their error and twice the variance of the prediction (Mallows
   // 1973).
   const PredictedAccuracy& predicted = calibration.uncertainty.predicted;
-  const double of_fit =
-      result.rows == NewPointErrors::Rows::fitted && predicted.measured.count > 0
-          ? 2.0 * std::max(std::pow(predicted.measured.rms, 2) - std::pow(predicted.of_assumptions, 2), 0.0)
-          : 0.0;
+  const bool follow = result.rows == NewPointErrors::Rows::fitted && predicted.measured.count > 0;
+  const double of_fit = follow ? 2.0 * variance_of_fit(predicted) : 0.0;
   const double chosen = left_out == nullptr             ? std::sqrt(std::pow(errors.after.rms, 2) + of_fit)
                         : accuracy.nested_leave_one_out ? accuracy.nested_leave_one_out->rms
                                                         : errors.after.rms * calibration.selection.optimism;

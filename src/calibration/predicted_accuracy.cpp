@@ -227,4 +227,8 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
   return result;
 }
 
+double variance_of_fit(const PredictedAccuracy& predicted) {
+  return std::max(std::pow(predicted.measured.rms, 2) - std::pow(predicted.of_assumptions, 2), 0.0);
+}
+
 }  // namespace kdl_calibration

@@ -27,4 +27,8 @@ struct UncertainEstimate {
 PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const TrainingRows& rows,
                                      const Configurations& asked);
 
+/// [m^2] Variance of predicted points at the measured configurations by what was fitted, without what the measurements
+/// take as true.
+double variance_of_fit(const PredictedAccuracy& predicted);
+
 }  // namespace kdl_calibration

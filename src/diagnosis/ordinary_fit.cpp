@@ -30,8 +30,6 @@ using Eigen::VectorXd;
 namespace {
 
 // Ordinary sizes, 1 sigma.
-constexpr double kOrdinaryLength = 1e-3;  // [m]
-constexpr double kOrdinaryAngle = 1e-3;   // [rad]
 constexpr double kOrdinaryOffset = 2e-3;  // [rad or m] of a joint's zero
 constexpr double kAnywhere = 10.0;        // [m or rad] of a frame of which nothing is known
 
@@ -51,8 +49,8 @@ ErrorModel with_usual_effects(ErrorModel model, bool beside_effects) {
 
 double ordinary_size(const ErrorModel& model, const ErrorParameter& parameter) {
   return parameter.kind == ParameterKind::joint_offset ? kOrdinaryOffset
-         : is_length(model, parameter)                 ? kOrdinaryLength
-                                                       : kOrdinaryAngle;
+         : is_length(model, parameter)                 ? kOrdinaryErrors.length
+                                                       : kOrdinaryErrors.angle;
 }
 
 constexpr std::size_t kMostSampled = 3000;  // configurations

@@ -32,19 +32,9 @@ OwnColumns checked(const OwnAlternative& alternative) {
   };
 }
 
-std::size_t joint_of(const OwnAlternative& alternative, const ErrorModel& model) {
-  const auto found = std::find_if(model.joints.begin(), model.joints.end(),
-                                  [&](const MovingJoint& joint) { return joint.name == alternative.joint; });
-  if (found == model.joints.end()) {
-    throw InputError(in_options(alternative) + " moves " + alternative.joint +
-                     ", expected a moving joint of the robot");
-  }
-  return static_cast<std::size_t>(found - model.joints.begin());
-}
-
 // C, and the predicted points that the arm itself has beside the fit.
 OrdinaryFit::EffectColumns columns_of_motion(const OrdinaryFit& fit, const OwnAlternative& alternative) {
-  const std::size_t joint = joint_of(alternative, fit.model());
+  const std::size_t joint = joint_moved_by(in_options(alternative), alternative.joint, fit.model());
   const OwnColumns function = checked(alternative);
   const Index count = function(fit.rows().joint_values).cols();
   std::vector<EffectTerm> terms;
@@ -125,12 +115,6 @@ AlternativeReading remark(const OwnAlternative& alternative, const std::string& 
           .doubt = false};
 }
 
-bool is_word(const std::string& name) {
-  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
-    return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-';
-  });
-}
-
 void require_columns(const OwnAlternative& alternative, const ErrorModel& model, const Measurements& measurements) {
   const std::string what = in_options(alternative);
   const MatrixXd& q = measurements.joint_values;
@@ -156,18 +140,9 @@ void require_alternatives(const DiagnosisOptions& options, const ErrorModel& mod
   }
   std::set<std::string> names;
   for (const OwnAlternative& alternative : options.alternatives) {
-    if (!is_word(alternative.name)) {
-      throw OptionError(kOption,
-                        shown(alternative.name) + " is not accepted as a name, expected letters, digits, _ and -");
-    }
-    if (!names.insert(alternative.name).second) {
-      throw OptionError(kOption, alternative.name + " is given twice, expected each name once");
-    }
-    if (!alternative.columns) {
-      throw OptionError(kOption, alternative.name + " has no function, expected one of the joint values");
-    }
+    require_named(kOption, alternative.name, alternative.columns, names);
     if (moves_joint(alternative)) {
-      joint_of(alternative, model);
+      joint_moved_by(in_options(alternative), alternative.joint, model);
     }
     require_columns(alternative, model, measurements);
   }

@@ -2,12 +2,15 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <set>
 #include <string>
 
 #include "base/number_text.hpp"
+#include "base/text.hpp"
 #include "effects/joint_effects.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "model/kinematics.hpp"
@@ -236,6 +239,31 @@ MatrixXd checked_columns(const std::string& what, const OwnColumns& columns, con
     }
   }
   return values;
+}
+
+std::size_t joint_moved_by(const std::string& what, const std::string& joint, const ErrorModel& model) {
+  const auto found = std::find_if(model.joints.begin(), model.joints.end(),
+                                  [&](const MovingJoint& moving) { return moving.name == joint; });
+  if (found == model.joints.end()) {
+    throw InputError(what + " moves " + joint + ", expected a moving joint of the robot");
+  }
+  return static_cast<std::size_t>(found - model.joints.begin());
+}
+
+void require_named(const char* option, const std::string& name, const OwnColumns& function,
+                   std::set<std::string>& others) {
+  const bool is_word = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-';
+  });
+  if (!is_word) {
+    throw OptionError(option, shown(name) + " is not accepted as a name, expected letters, digits, _ and -");
+  }
+  if (!others.insert(name).second) {
+    throw OptionError(option, name + " is given twice, expected each name once");
+  }
+  if (!function) {
+    throw OptionError(option, name + " has no function, expected one of the joint values");
+  }
 }
 
 MatrixXd columns_by_row(const std::string& what, const OwnColumns& function, const MatrixXd& joint_values) {

@@ -6,6 +6,8 @@
 #include <Eigen/Geometry>
 #include <cstddef>
 #include <memory_resource>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "kdl_calibration/error_model.hpp"
@@ -59,6 +61,11 @@ Eigen::MatrixXd checked_columns(const std::string& what, const OwnColumns& colum
 /// prediction.
 Eigen::MatrixXd columns_by_row(const std::string& what, const OwnColumns& function,
                                const Eigen::MatrixXd& joint_values);
+/// The joint that a function of the caller's own moves. Throws InputError if the robot has none of this name.
+std::size_t joint_moved_by(const std::string& what, const std::string& joint, const ErrorModel& model);
+/// Throws OptionError for a name that is no word or among `others`, to which it is added, and for a missing function.
+void require_named(const char* option, const std::string& name, const OwnColumns& function,
+                   std::set<std::string>& others);
 /// The function's own column of them.
 Eigen::VectorXd own_values(const OwnFunction& own, const Eigen::MatrixXd& columns);
 

@@ -376,13 +376,9 @@ std::vector<EffectTerm> main_gravity_terms(const ErrorModel& model, std::vector<
 }
 
 std::vector<EffectTerm> own_terms(const ErrorModel& model, const OwnEffect& own, const MatrixXd& joint_values) {
-  const auto found = std::find_if(model.joints.begin(), model.joints.end(),
-                                  [&](const MovingJoint& joint) { return joint.name == own.joint; });
-  if (found == model.joints.end()) {
-    throw InputError("effects.own: " + own.name + " moves " + own.joint + ", expected a moving joint of the robot");
-  }
-  const auto joint = static_cast<std::size_t>(found - model.joints.begin());
-  const MatrixXd columns = columns_by_row("effects.own: " + own.name, own.columns, joint_values);
+  const std::string what = "effects.own: " + own.name;
+  const std::size_t joint = joint_moved_by(what, own.joint, model);
+  const MatrixXd columns = columns_by_row(what, own.columns, joint_values);
   const auto fitted = std::make_shared<const OwnValues>(telling_values(joint_values, columns));
   std::vector<EffectTerm> all;
   for (Index column = 0; column < columns.cols(); ++column) {

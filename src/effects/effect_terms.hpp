@@ -27,11 +27,11 @@ namespace kdl_calibration {
 /// Expansion. The temperature times the length of the link before the joint; the coefficient is the growth per length.
 /// Drift. The temperature. Both take the temperature of the link before the joint (MovingJoint::links) where that link
 /// has one of its own: it is the one that expands, and it carries the joint's housing, encoder and most of its gear, as
-/// the joint moves from it. Otherwise they take that of the arm. Where neither is stated there is no term. Payload. The
-/// torque of the stated mass at the model's payload_centre. Ripple. ripple_search finds the frequency in the residuals;
-/// here 100 per turn in every joint, for simulated robots. Tables. A Gaussian process of Matérn-3/2 covariance in the
-/// Hilbert-space basis of Solin and Särkkä (2020), of length `length` [rad or m]; its functions are not scaled, so that
-/// `sigma` is the table's.
+/// the joint moves from it. Otherwise they take that of the arm. Where neither is stated there is no term.
+/// Payload. The torque of the stated mass at the model's payload_centre.
+/// Ripple. ripple_search finds the frequency in the residuals; here 100 per turn in every joint, for simulated robots.
+/// Tables. A Gaussian process of Matérn-3/2 covariance in the Hilbert-space basis of Solin and Särkkä (2020), of length
+/// `length` [rad or m]; its functions are not scaled, so that `sigma` is the table's.
 std::vector<EffectTerm> effect_terms(const ErrorModel& model, EffectGroup group, const Eigen::MatrixXd& joint_values,
                                      const DriveSignals& signals = {});
 /// The gravity terms of the largest moments alone, for few data: those of at least 15 % of the largest, where the
@@ -64,6 +64,8 @@ std::vector<EffectTerm> gain_terms(const ErrorModel& model);
 /// Both: the effects to expect of joints if nothing is known about them.
 std::vector<EffectTerm> load_and_gain_terms(const ErrorModel& model);
 
+/// 1 sigma of the geometric errors of an ordinary arm, of which nothing else is known.
+constexpr Priors kOrdinaryErrors{.length = 1e-3, .angle = 1e-3};
 /// 1 sigma of the value of such a term in an ordinary arm, of which nothing else is known [rad, m or per unit].
 double ordinary_size(const EffectTerm& term);
 

@@ -239,14 +239,19 @@ Eigen::MatrixXd rows_of_columns(const Doubles& values, const std::string& where)
   return Eigen::Map<const RowMajor>(values.data(), values.shape(0), columns);
 }
 
+// Joint values (n x N) as an array (N, n).
+Doubles a_row_each(const Eigen::MatrixXd& joint_values) {
+  Doubles q({joint_values.cols(), joint_values.rows()});
+  std::copy_n(joint_values.data(), joint_values.size(), q.mutable_data());
+  return q;
+}
+
 // Of joint values (N, n), which gives (N,) or (N, K).
 OwnColumns columns_by(const py::handle& given, const std::string& where) {
   const std::shared_ptr<const py::object> function = shared_function(given, where);
   return [function, where](const Eigen::MatrixXd& joint_values) -> Eigen::MatrixXd {
     const py::gil_scoped_acquire lock;
-    Doubles q({joint_values.cols(), joint_values.rows()});
-    std::copy_n(joint_values.data(), joint_values.size(), q.mutable_data());
-    return rows_of_columns(doubles((*function)(q), where), where);
+    return rows_of_columns(doubles((*function)(a_row_each(joint_values)), where), where);
   };
 }
 
@@ -281,8 +286,7 @@ Members::Reader structure(Members members) {
 
 // Calls a function of joint values with (N, n). What it raises becomes the cause of an InputError that names it.
 Doubles called(const py::object& function, const Eigen::MatrixXd& joint_values, const std::string& where) {
-  Doubles q({joint_values.cols(), joint_values.rows()});
-  std::copy_n(joint_values.data(), joint_values.size(), q.mutable_data());
+  const Doubles q = a_row_each(joint_values);
   try {
     return doubles(function(q), where);
   } catch (py::error_already_set& error) {
