@@ -55,14 +55,14 @@ struct PositionErrors {
 };
 
 /// The robot as its URDF says. `diagnosis` states the joint conventions that other readings of the data try;
-/// without `try_readings` none is tried, which takes most of the time. Throws InputError: a convention of other
-/// joints, measurements of another robot, known frames that were not measured, fewer coordinates than base and
-/// targets take.
+/// without `try_readings` none is tried, which takes most of the time, and of which `progress` hears. Throws
+/// InputError: a convention of other joints, measurements of another robot, known frames that were not measured, fewer
+/// coordinates than base and targets take.
 PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known = {},
-                        const DiagnosisOptions& diagnosis = {});
+                        const DiagnosisOptions& diagnosis = {}, const ProgressFunction& progress = {});
 /// The calibrated arm, effects included. Also throws InputError without measured torques that an effect needs.
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known = {},
-                        const DiagnosisOptions& diagnosis = {});
+                        const DiagnosisOptions& diagnosis = {}, const ProgressFunction& progress = {});
 
 /// What remains of one row after the fit.
 struct RowResidual {

@@ -65,7 +65,8 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
                           .stated = found.settings.noise.stated,
                           .scale_sigma = found.settings.noise.scale_sigma,
                           .alternatives = task.options.alternatives,
-                          .threads = task.threads});
+                          .threads = task.threads,
+                          .progress = task.progress});
 }
 
 // The findings that remain valid given other readings of the data. A moved base is not reported as a slipped target,

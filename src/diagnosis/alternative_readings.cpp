@@ -238,7 +238,8 @@ private:
                                                                  .others = options_.others,
                                                                  .registration = options_.registration,
                                                                  .joint = other,
-                                                                 .threads = options_.threads});
+                                                                 .threads = options_.threads,
+                                                                 .progress = options_.progress});
     const double readings = 3.0 + static_cast<double>(trials.size());
     double best = fitted_;
     const auto consider = [&](const OtherReading& reading, double left) {

@@ -48,6 +48,7 @@ struct ReadingOptions {
   double scale_sigma = 0.0;           ///< see FitToDoubt
   std::span<const OwnAlternative> alternatives = {};
   int threads = 1;
+  ProgressFunction progress = {};
 };
 
 struct ReadingSearch {

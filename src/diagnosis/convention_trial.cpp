@@ -5,9 +5,11 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <numbers>
 #include <utility>
 
+#include "base/counted_fits.hpp"
 #include "base/decompositions.hpp"
 #include "base/degree.hpp"
 #include "base/number_range.hpp"
@@ -292,11 +294,16 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
   trials.front().registered = registered(0, reread(0));  // the present reading is the first
   const double hopeless = kWorthAFit * trials.front().registered;
   const FoldedChain nominal = folded(model, VectorXd::Zero(static_cast<Index>(model.parameters.size())));
+  const std::function<void()> done =
+      counted_fits(options.progress, "trying other readings of the joints", 2 * trials.size() - 1);
   parallel_for(trials.size() - 1, options.threads, [&](std::size_t others) {
     const std::size_t i = others + 1;
     const Measurements as_read = reread(i);
     const double least = least_misfit(flange_poses(nominal, as_read.joint_values), as_read);
     trials[i].registered = least > hopeless ? least : registered(i, as_read);
+    if (done) {
+      done();
+    }
   });
   const auto nearest = std::min_element(trials.begin(), trials.end(),
                                         [](const auto& a, const auto& b) { return a.registered < b.registered; });
@@ -305,6 +312,9 @@ std::vector<ConventionTrial> try_conventions(const ErrorModel& model, const Meas
     trials[i].rms = trials[i].registered;
     if (trials[i].present || trials[i].registered < limit) {
       trials[i].rms = fitted_rms(fit, reread(i), starts[i]);
+    }
+    if (done) {
+      done();
     }
   });
   std::stable_sort(trials.begin(), trials.end(),

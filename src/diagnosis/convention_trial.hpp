@@ -8,6 +8,7 @@
 #include "estimation/identification.hpp"
 #include "estimation/registration.hpp"
 #include "estimation/unknowns.hpp"
+#include "kdl_calibration/calibration_options.hpp"
 #include "kdl_calibration/doubt.hpp"
 #include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/measurements.hpp"
@@ -33,6 +34,7 @@ struct ConventionOptions {
   RegistrationOptions registration;
   JointOptions joint;
   int threads = 0;  ///< 0: one per core
+  ProgressFunction progress = {};
 };
 
 /// Tries other readings of the joint values, which were converted with `used`: after the convention (M, o), another one

@@ -102,7 +102,7 @@ double distance_zero(const ErrorModel& model, const Estimate& registered, const 
 }
 
 PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measurements, const KnownFrames& known,
-                         const DiagnosisOptions& diagnosis) {
+                         const DiagnosisOptions& diagnosis, const ProgressFunction& progress) {
   constexpr double kAbsurd = 0.1;  // of the arm's length: 3 degrees in every joint leave half of that
   require_conventions(diagnosis, arm.model.joints);
   require_one_split(measurements);
@@ -148,7 +148,8 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
                  {.registration = {.known = known},
                   .used = diagnosis.convention ? &*diagnosis.convention : nullptr,
                   .others = diagnosis.other_conventions,
-                  .alternatives = diagnosis.alternatives},
+                  .alternatives = diagnosis.alternatives,
+                  .progress = progress},
                  errors);
   }
   if (errors.doubts.empty() && registration.rms > kAbsurd * arm_length(model)) {
@@ -165,14 +166,14 @@ PositionErrors errors_of(const PredictionBasis& arm, const Measurements& measure
 }  // namespace
 
 PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known,
-                        const DiagnosisOptions& diagnosis) {
-  return errors_of(nominal_basis(robot), measurements, known, diagnosis);
+                        const DiagnosisOptions& diagnosis, const ProgressFunction& progress) {
+  return errors_of(nominal_basis(robot), measurements, known, diagnosis, progress);
 }
 
 PositionErrors validate(const Calibration& calibration, const Measurements& measurements, const KnownFrames& known,
-                        const DiagnosisOptions& diagnosis) {
+                        const DiagnosisOptions& diagnosis, const ProgressFunction& progress) {
   require_circumstances(measurements, calibration.parts().model);
-  return errors_of(calibration.parts(), measurements, known, diagnosis);
+  return errors_of(calibration.parts(), measurements, known, diagnosis, progress);
 }
 
 namespace {

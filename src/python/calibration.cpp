@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <fmt/core.h>
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -18,6 +19,7 @@
 #include "kdl_calibration/report_page.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "kdl_calibration/validation.hpp"
+#include "measurements/training_rows.hpp"
 #include "python/arm.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
@@ -61,10 +63,11 @@ FoundPointer calibrated(const std::shared_ptr<Robot>& robot, const std::shared_p
                         const py::kwargs& keywords) {
   const GivenCalibrationOptions stated = calibration_options(keywords);
   const std::shared_ptr<const Measurements> measurements = named(given, *robot);
-  if (const int folds = stated.options.validation.k_fold;
-      std::cmp_greater(folds, measurements->configurations.size())) {
-    throw InputError(fmt::format("validation.k_fold: {} folds of {} configurations, expected at most as many", folds,
-                                 measurements->configurations.size()));
+  const std::vector<bool> fitted = configurations_with(Split::train, *measurements);
+  const auto count = std::count(fitted.begin(), fitted.end(), true);
+  if (const int folds = stated.options.validation.k_fold; std::cmp_greater(folds, count)) {
+    throw InputError(
+        fmt::format("validation.k_fold: {} folds of {} fitted configurations, expected at most as many", folds, count));
   }
   Calibration calibration = interruptible([&](Interruption& interruption) {
     CalibrationOptions options = stated.options;

@@ -603,6 +603,7 @@ GivenValidation validation_options(const py::dict& keywords) {
   Members()
       .by("known", frames_into(result.known))
       .by("diagnosis", structure(diagnosis_members(result.diagnosis)))
+      .by("progress", function_into(result.progress))
       .read(keywords, "");
   return result;
 }

@@ -60,6 +60,7 @@ GivenProgram program_options(const py::dict& keywords);
 struct GivenValidation {
   KnownFrames known;
   DiagnosisOptions diagnosis;
+  py::object progress = py::none();
 };
 GivenValidation validation_options(const py::dict& keywords);
 

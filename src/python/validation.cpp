@@ -20,8 +20,11 @@ namespace {
 template <class Subject>
 PositionErrors validated(const Subject& subject, const Measurements& measurements, const py::kwargs& keywords) {
   const GivenValidation stated = validation_options(keywords);
-  return interruptible(
-      [&](const Interruption&) { return validate(subject, measurements, stated.known, stated.diagnosis); });
+  return interruptible([&](Interruption& interruption) {
+    const ProgressFunction progress =
+        progress_hook<const std::string&, std::size_t, std::size_t>(stated.progress, interruption);
+    return validate(subject, measurements, stated.known, stated.diagnosis, progress);
+  });
 }
 
 py::array changes_of(const Comparison& comparison) {
@@ -101,7 +104,8 @@ void bind_validation(py::module_& module) {
       },
       "robot"_a, "measurements"_a.none(false),
       "Position errors of a robot, or of a calibration, at measurements. Only base and targets are fitted.\n\n"
-      "Keywords: known = {'bases': {'W': (4, 4)}, 'targets': {'A': (3,)}}, diagnosis = {'try_readings': False}.");
+      "Keywords: known = {'bases': {'W': (4, 4)}, 'targets': {'A': (3,)}}, diagnosis = {'try_readings': False},\n"
+      "progress = f(what, done, of).");
   module.def(
       "validate",
       [](const Found& found, const std::shared_ptr<Measurements>& measurements, const py::kwargs& keywords) {

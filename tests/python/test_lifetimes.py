@@ -122,7 +122,7 @@ def test_ctrl_c_stops_predictions(found):
 
 
 def test_a_signal_at_the_end_of_work_arrives(robot):
-    """Validations never look for it."""
+    """Validations of what fits never look for it."""
     m, _ = kc.simulate(robot, configurations=2000, repeats=2)
     timer = threading.Timer(0.06, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
@@ -130,6 +130,27 @@ def test_a_signal_at_the_end_of_work_arrives(robot):
         while True:
             kc.validate(robot, m)
     timer.join()
+
+
+def test_progress_of_a_validation(robot, measurements):
+    """Other readings of the joints are tried, because nominal geometry leaves a millimetre."""
+    calls = []
+    kc.validate(robot, measurements, progress=lambda *call: calls.append(call))
+    assert {stage for stage, _, _ in calls} == {"trying other readings of the joints"}
+    assert sorted(done for _, done, _ in calls) == list(range(calls[0][2] + 1))
+    stopped = []
+
+    def interrupt(*call):
+        if not stopped:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+        stopped.append(call)
+
+    with pytest.raises(KeyboardInterrupt):
+        kc.validate(robot, measurements, progress=interrupt)
+    assert len(stopped) < len(calls)
+    with pytest.raises(ZeroDivisionError):
+        kc.validate(robot, measurements, progress=lambda *call: 1 / 0)
 
 
 def test_a_signal_comes_before_the_error_of_the_work(robot):

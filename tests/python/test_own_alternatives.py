@@ -44,6 +44,12 @@ def tilting(robot):
                                        configurations=rows["configuration"])  # fmt: skip
 
 
+def rows_of(m):
+    """Joint values and points of each row."""
+    place = {name: i for i, name in enumerate(m.configurations)}
+    return m.joint_values[[place[name] for name in m.observations["configuration"]]], m.observations["position"]
+
+
 def with_alternatives(robot, m, **alternatives):
     return kc.calibrate(robot, m, diagnosis={"alternatives": alternatives}, **PLAIN)
 
@@ -73,6 +79,36 @@ def test_the_one_that_is_there_is_doubted(robot, tilting, tmp_path):
     loaded = kc.load(tmp_path / "r.json", robot)  # which needs no function
     assert [str(d) for d in loaded.doubts] == [str(d) for d in found.doubts]
     assert "own_alternative" in {mistake["cause"] for mistake in saved["detectable"]}
+
+
+def test_two_stations(robot, tilting):
+    """The second one is turned and moved, so that displacements in the measuring frame would be others there."""
+    joints, points = rows_of(tilting)
+    turned = points @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) + [0.3, -2.0, 1.0]
+    names = tilting.observations["configuration"]
+    is_second = np.isin(names, tilting.configurations[::2])
+    m = kc.Measurements.from_arrays(joints, np.where(is_second[:, None], turned, points), configurations=names,
+                                    targets=tilting.observations["target"],
+                                    stations=np.where(is_second, "V", "W"))  # fmt: skip
+    found = with_alternatives(robot, m, tilt=TILTING)
+    (doubt,) = about(found.doubts, "tilt")
+    assert abs(doubt.figures["estimate"] - TILT) < 3.5 * doubt.figures["estimate_sigma"] < 0.1 * TILT
+
+
+def test_distances(robot, tilting, tmp_path):
+    """Of the same points from six anchors, read from a file."""
+    joints, points = rows_of(tilting)
+    anchors = np.array([[3.0, 0, 0], [0, 3.0, 0], [-3.0, 0, 1.0], [0, -3.0, 2.0], [2.0, 2.0, 3.0], [-2.0, 2.0, 0.5]])
+    lines = ["configuration,target,repeat," + ",".join(f"joint_{i}[rad]" for i in range(1, 7)) + ",x[m],y[m],z[m],distance[m]"]
+    for row, q, point in zip(tilting.observations, joints, points):
+        for i, anchor in enumerate(anchors):
+            numbers = [*q, *anchor, np.linalg.norm(point - anchor)]
+            lines.append(f"{row['configuration']},{row['target']},{i + 1}," + ",".join(f"{x:.17g}" for x in numbers))
+    (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
+    m = kc.read_measurements(robot, tmp_path / "m.csv")
+    found = with_alternatives(robot, m, tilt=TILTING)
+    (doubt,) = about(found.doubts, "tilt")
+    assert abs(doubt.figures["estimate"] - TILT) < 3.5 * doubt.figures["estimate_sigma"] < 0.1 * TILT
 
 
 def test_what_is_not_there_is_a_remark(robot, measurements):

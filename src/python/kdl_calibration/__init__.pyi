@@ -412,6 +412,7 @@ def validate(
     *,
     known: _Options = ...,
     diagnosis: _Options = ...,
+    progress: Optional[Callable[[str, int, int], object]] = None,
 ) -> PositionErrors: ...
 
 class Comparison:

@@ -147,10 +147,13 @@ def _refuse_twice(rows, place):
         )
 
 
-def _integers(values, name, count):
+def _integers(values, name, count, place=_AS_GIVEN):
     if values is None:
         return None
     array = np.asarray(values)
+    if array.dtype.kind == "f" and array.shape == (count,) and np.isnan(array).any():
+        row = np.flatnonzero(np.isnan(array))[0]
+        raise InputError(f"{place(name, row)}: {array[row]}, expected an integer")
     if array.dtype.kind not in "iu":
         raise TypeError(f"{name}: an array of {array.dtype}, expected one of integers")
     if array.shape != (count,):
@@ -318,7 +321,7 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
     names, configuration, first = _configurations(joints, configurations, place)
     target_names, target = _numbered(_labels(targets, "targets", count, "A"))
     station_names, station = _numbered(_labels(stations, "stations", count, "W", place))
-    repeat = _integers(repeats, "repeats", count)
+    repeat = _integers(repeats, "repeats", count, place)
     if repeat is None:
         repeat = _repeats(configuration, target, len(target_names))
     else:
@@ -350,7 +353,7 @@ def _from_rows(joints, points, joint_names, place, *, targets, configurations, s
     twice = [name for i, name in enumerate(joint_names) if name in joint_names[:i]]
     if twice:
         raise InputError(f"joint_names: '{twice[0]}' is there twice, expected names that differ")
-    driven = _integers(order, "order", count)
+    driven = _integers(order, "order", count, place)
     nothing = np.empty(0)
     around = [_of_configurations(values, name, configuration, len(names))
               for name, values in (("temperature", temperature), ("payload", payload))]  # fmt: skip
