@@ -1,5 +1,6 @@
 #include "programs/krl_motions.hpp"
 
+#include <fmt/core.h>
 #include <algorithm>
 #include <array>
 #include <string_view>
@@ -175,7 +176,10 @@ bool MotionReader::ends_inline(std::string_view word, std::string_view target, c
   motion.inline_point = result_.inline_points.size();
   const PointUse in_frames = is_complete && !position->is_joints ? use_of(frames, std::nullopt)
                                                                  : PointUse{.tool = frames.tool, .base = frames.base};
-  result_.inline_points.push_back({.name = name, .place = place_, .position = std::move(*position), .use = in_frames});
+  result_.inline_points.push_back({.name = fmt::format("{} in line {}", name, place_.line),
+                                   .place = place_,
+                                   .position = std::move(*position),
+                                   .use = in_frames});
   return is_complete;
 }
 

@@ -357,9 +357,9 @@ TEST(KrlCompensation, KeepsEveryByteWithoutErrors) {
 TEST(KrlCompensation, NamesFramesThatAreNotKnown) {
   const std::string pose = "{" + pose_text(nominal(kAsked)) + status_text(kAsked) + "}\n";
   const Calibration found = bent(0.0);
-  EXPECT_REFUSED("a.src:3: PTP {...}: $BASE is not stated, expected the frame of the pose",
+  EXPECT_REFUSED("a.src:3: PTP {...} in line 3: $BASE is not stated, expected the frame of the pose",
                  compensated(found, {{"a.src", "DEF A()\nBAS(#TOOL,0)\nPTP " + pose + "END\n"}}));
-  EXPECT_REFUSED("a.src:3: PTP {...}: $TOOL 1 is not known, expected it in --frames",
+  EXPECT_REFUSED("a.src:3: PTP {...} in line 3: $TOOL 1 is not known, expected it in --frames",
                  compensated(found, {{"a.src", in_routine("PTP " + pose)}}));
 }
 

@@ -191,7 +191,10 @@ TEST(KrlProgram, ReadsPositionsThatStandInMotions) {
                      "CIRC {X 1,Y 2,Z 3,A 4,B 5,C 6}, {X 7,Y 8,Z 9,A 10,B 11,C 12} C_ORI\n"
                      "SPL {X 1,Y 2,Z 3,A 4,B 5,C 6,S 'B010',T 'H23'} C_VEL\n"));
   ASSERT_THAT(program.points, SizeIs(6));
-  EXPECT_EQ(ends(program), "~PTP {...} ~ptp {...} -LIN {...} -CIRC {...} -CIRC {...} -SPL {...} ");
+  EXPECT_EQ(
+      ends(program),
+      "~PTP {...} in line 4 ~ptp {...} in line 5 -LIN {...} in line 6 -CIRC {...} in line 7 -CIRC {...} in line 7 "
+      "-SPL {...} in line 8 ");
   EXPECT_EQ(program.points[1].notation, PointNotation::joints);
   EXPECT_THAT(values(program.points[1]), ElementsAre(3, -0.5, 0.0015, 0, 10.12345, 10));
   EXPECT_EQ(program.points[1].fields[2].decimals, 4);
@@ -402,7 +405,7 @@ TEST(KrlProgram, LeavesPointsInFramesThatAreSetAtRunTime) {
                                          "BAS(#BASE,2)\nPTP XP3\n$TOOL.X=3\nPTP {X 3,Y 2,Z 3,A 4,B 5,C 6}\n"
                                          "PTP {A1 1,A2 -90,A3 90,A4 0,A5 0,A6 0}\n"),
                                  data(kPoints));
-  EXPECT_THAT(names(program), ElementsAre("PTP {...}", "XP3"));
+  EXPECT_THAT(names(program), ElementsAre("PTP {...} in line 13", "XP3"));
   EXPECT_EQ(program.points[0].notation, PointNotation::joints) << "needs no frame";
   EXPECT_THAT(remarked(program, "$TOOL or $BASE is set at run time"), ElementsAre(3, 5, 11));
   EXPECT_THAT(remarked(program, "couples the base"), ElementsAre(7));
