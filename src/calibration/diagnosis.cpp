@@ -41,6 +41,7 @@ ReadingSearch readings(const CalibrationResult& found, const Measurements& measu
                                              .uncertainty = found.uncertainty.predicted.measured.rms,
                                              .stated = found.settings.noise.stated,
                                              .scale_sigma = found.settings.noise.scale_sigma,
+                                             .unknowns = found.fit.free.size(),
                                              .alternatives = task.options.alternatives,
                                              .threads = task.threads});
       search.detectable = std::move(likely.detectable);

@@ -104,6 +104,7 @@ public:
                                             .uncertainty = options_.uncertainty,
                                             .stated = options_.stated,
                                             .scale_sigma = options_.scale_sigma,
+                                            .unknowns = sample_.free.size(),
                                             .alternatives = options_.alternatives,
                                             .threads = options_.threads});
       detectable = std::move(found.detectable);

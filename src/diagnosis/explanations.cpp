@@ -19,6 +19,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr double kTiny = std::numeric_limits<double>::min();
+constexpr double kFewestDegrees = 5.0;  // of freedom that tell the noise
 
 // The rows of each stratum.
 std::array<std::vector<Index>, kStrata> rows_of_strata(std::span<const RowStratum> strata) {
@@ -122,6 +123,7 @@ Explanations::Explanations(const LinearisedFit& fit) : fit_(fit) {
     weights.variance[place] =
         std::max(squares_[place] / std::max(fit.coordinates[place], 1.0), fit.least_variance[place]);
   }
+  weights.variance = with_freedom(equations(weights), weights.variance.max(fit.doubted_variance));
   without_ = std::make_shared<const Equations>(weighed(nothing(), weights));
 }
 
@@ -265,12 +267,11 @@ Explanations::Solution Explanations::solution(const AlternativeSums& sums, const
 // With few degrees of freedom left, the weights stay. Means over points scatter no less than the points do about them.
 // An arm without any error keeps some size.
 Explanations::Weights Explanations::fitted(const Solution& solution, const Equations& equations) const {
-  constexpr double kFewest = 5.0;
   constexpr double kLeastSize = 0.05;
   Weights result = equations.weights;
   const OfStrata freedom = equations.freedom - solution.taken;
   for (Index s = 0; s < freedom.size(); ++s) {
-    if (freedom[s] >= kFewest) {
+    if (freedom[s] >= kFewestDegrees) {
       result.variance[s] = std::max(result.variance[s] * solution.left[s] / freedom[s], fit_.least_variance[s]);
     }
   }
@@ -279,6 +280,18 @@ Explanations::Weights Explanations::fitted(const Solution& solution, const Equat
   }
   if (equations.of_sizes >= 1.0) {
     result.size = std::max(result.size * std::sqrt(solution.left_sizes / equations.of_sizes), kLeastSize);
+  }
+  return result;
+}
+
+// The variances of these equations, but larger ones where too few degrees of freedom are left: ordinary errors then
+// explain the noise of few rows, and nothing tells its size.
+OfStrata Explanations::with_freedom(const Equations& equations, const OfStrata& before) const {
+  OfStrata result = equations.weights.variance;
+  for (Index s = 0; s < result.size(); ++s) {
+    if (equations.freedom[s] < kFewestDegrees && result[s] < before[s]) {
+      result[s] = before[s];
+    }
   }
   return result;
 }
@@ -294,10 +307,15 @@ Explanations::Equations Explanations::weighed(const AlternativeSums& sums, Weigh
       next.variance = next.variance.min(without_->weights.variance);
       next.size = std::min(next.size, without_->weights.size);
     }
+    Equations with_next = equations(next);
+    if (const OfStrata kept = with_freedom(with_next, weights.variance); (kept != next.variance).any()) {
+      next.variance = kept;
+      with_next = equations(next);
+    }
     const bool same = (next.variance / weights.variance).log().abs().maxCoeff() < kSame &&
                       std::abs(std::log(next.size / weights.size)) < kSame;
     weights = next;
-    result = equations(weights);
+    result = std::move(with_next);
     if (same) {
       break;
     }

@@ -253,6 +253,7 @@ MistakeSearch likely_beside(const FitToDoubt& fit) {
                           .uncertainty = fit.uncertainty,
                           .stated = fit.stated,
                           .scale_sigma = fit.scale_sigma,
+                          .unknowns = fit.unknowns,
                           .alternatives = fit.alternatives,
                           .beside_effects = fit.beside_effects,
                           .threads = fit.threads};

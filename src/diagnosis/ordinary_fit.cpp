@@ -86,10 +86,15 @@ OrdinaryFit::OrdinaryFit(const FitToDoubt& fit)
   set_sizes();
   const VectorXd doubted =
       turned(LeastSquaresProblem(fit.model, rows_, {}, options_).whitened(fit.estimate).residual.head(blocks_.back()));
+  OfStrata squares_of = OfStrata::Zero();
   for (std::size_t row = 0; row < linear_.strata.size(); ++row) {
     const double residual = doubted[static_cast<Index>(row)];
-    linear_.doubted_squares += linear_.strata[row] != RowStratum::orientations ? residual * residual : 0.0;
+    squares_of[static_cast<Index>(linear_.strata[row])] += residual * residual;
   }
+  linear_.doubted_squares = squares_of[0] + squares_of[1];
+  const double coordinates = linear_.coordinates.sum();
+  const double left = std::max(coordinates - static_cast<double>(fit.unknowns), 1.0);
+  linear_.doubted_variance = squares_of / linear_.coordinates.max(1.0) * (coordinates / left);
   linearise();
   // A result with few parameters may have larger errors than the arm: they are far from the ordinary ones.
   constexpr int kMostSteps = 5;

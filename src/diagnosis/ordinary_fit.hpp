@@ -32,6 +32,7 @@ struct FitToDoubt {
   double uncertainty = 0.0;           ///< [m] 3D 1 sigma of predictions, from the parameters alone
   NoiseModel stated = {};             ///< noise of the measurements
   double scale_sigma = 0.0;           ///< of a factor on all lengths: what is in every uncertainty is no mistake
+  Eigen::Index unknowns = 0;          ///< that were fitted
   std::span<const OwnAlternative> alternatives = {};
   bool beside_effects = true;  ///< false: the effects of the model are doubted as well, and not held as ordinary
   int threads = 1;             ///< 0: one per core; the answer does not depend on it

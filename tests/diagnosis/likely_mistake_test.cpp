@@ -17,6 +17,7 @@
 #include "kdl_calibration/calibrate.hpp"
 #include "mistake_table.hpp"
 #include "robot/joint_ranges.hpp"
+#include "virtual_experiment.hpp"
 
 namespace kdl_calibration::likely_mistake_test {
 namespace {
@@ -345,6 +346,19 @@ TEST(LikelyMistake, IsNoneWhereNothingIsWrong) {
     const Measured m = measured(seed % 2 == 0 ? large_arm() : light_arm(), seed, draw);
     const std::optional<AlternativeReading> found = mistake_of(m);
     EXPECT_FALSE(found) << seed << ": " << found->message;
+  }
+}
+
+// One target at twelve places: sag and gains that are ordinary explain what noise the geometry leaves, and nothing
+// tells its size.
+TEST(LikelyMistake, IsNoneWhereOrdinaryErrorsTakeUpTheNoise) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    testing::VirtualExperiment arm({.targets = published_targets(1), .random = Random(seed)});
+    const Measurements rows = testing::without_sigmas(arm.measure(12, {.sigma = 3e-5}));
+    const Estimate fit = identify_jointly(arm.model, rows, nominal_start(arm.model, rows), arm.free).estimate;
+    const MistakeSearch found = likely_mistake(
+        {.model = arm.model, .measurements = rows, .estimate = fit, .known = {}, .unknowns = arm.free.size()});
+    EXPECT_FALSE(found.mistake) << seed << ": " << found.mistake->message;
   }
 }
 
