@@ -222,8 +222,10 @@ void add_predictions(const std::vector<AskedPoint>& points, std::string& text) {
   if (points.empty()) {
     return;
   }
+  constexpr std::size_t kMostPoints = 20;
   text += "\npredicted, in the base [mm]           x          y          z  sigma   95 %\n";
-  for (const AskedPoint& point : points) {
+  for (std::size_t i = 0; i < std::min(points.size(), kMostPoints); ++i) {
+    const AskedPoint& point = points[i];
     const Eigen::Vector3d p = point.position * 1e3;
     text += padded("  " + point.configuration + " " + point.target, 28) + cell(p.x(), 11) + cell(p.y(), 11) +
             cell(p.z(), 11);
@@ -232,6 +234,9 @@ void add_predictions(const std::vector<AskedPoint>& points, std::string& text) {
     const Eigen::Vector3d moved = p - point.nominal * 1e3;
     text +=
         "\n" + padded("    minus nominal", 28) + cell(moved.x(), 11) + cell(moved.y(), 11) + cell(moved.z(), 11) + "\n";
+  }
+  if (points.size() > kMostPoints) {
+    text += fmt::format("further ones: --result lists all {}\n", points.size());
   }
 }
 

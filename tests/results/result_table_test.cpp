@@ -223,6 +223,20 @@ TEST(ResultTable, IsPrintedAsItStandsHere) {
   EXPECT_EQ(std::regex_replace(made.printed(), std::regex(" +\n"), "\n"), kTable);
 }
 
+TEST(ResultTable, ListsTheFirstTwentyPredictions) {
+  const auto counted = [](std::size_t points) {
+    Made made;
+    std::vector<AskedPoint>& asked = made.calibration.uncertainty.predicted.asked;
+    asked.resize(points, asked.front());
+    const std::string text = made.printed();
+    const std::regex row("minus nominal");
+    return std::pair(std::distance(std::sregex_iterator(text.begin(), text.end(), row), std::sregex_iterator()),
+                     text.find("further ones: --result lists all") != std::string::npos);
+  };
+  EXPECT_EQ(counted(20), std::pair(std::ptrdiff_t{20}, false));
+  EXPECT_EQ(counted(21), std::pair(std::ptrdiff_t{20}, true));
+}
+
 /// The lines of the noise.
 std::string noise_of(const NoiseReport& noise) {
   Made made;
