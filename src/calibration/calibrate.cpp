@@ -291,6 +291,7 @@ struct LeftOut {
   const std::vector<HeldOutPoint>& points;
   double optimism = 1.0;
   const Eigen::MatrixXd& assumed;  // steps of the estimate, see considered_steps(): no left-out row shows them
+  const std::vector<PlausibleModel>& plausible;
 };
 
 // What the errors of scale, of stated lengths and of the zero of distances do to the estimate.
@@ -314,7 +315,8 @@ Uncertainty uncertainty(const WeighedFit& fitted, Assessment assessed, const Tra
                                          .noise = assessed.noise,
                                          .held_out = left_out.points,
                                          .optimism = left_out.optimism,
-                                         .assumed = left_out.assumed},
+                                         .assumed = left_out.assumed,
+                                         .plausible = left_out.plausible},
                                         rows, asked);
   result.parameters = parameter_estimates(problem.model, problem.start, fit,
                                           {.fixed_by_gauge = assessed.fixed_by_gauge,
@@ -518,8 +520,9 @@ Calibrated calibrated(const ErrorModel& arm, const Measurements& measurements, c
 
   result.distance_zero = zero;
   result.noise = noise_report(assessed.noise, fitted.problem, measurements, options);
-  result.uncertainty = uncertainty(fitted, std::move(assessed), rows,
-                                   {validated.held_out_points, selection.optimism, assumed}, options.predict_at);
+  result.uncertainty =
+      uncertainty(fitted, std::move(assessed), rows,
+                  {validated.held_out_points, selection.optimism, assumed, selection.plausible}, options.predict_at);
   result.difference_to_kdl =
       difference_to_kdl(model, fitted.fit.identification.estimate.errors, measurements.joint_values);
   result.fit = with_weights_of_all(std::move(fitted.fit), rows);

@@ -135,8 +135,11 @@ std::vector<PointWithCovariance> PointPredictor::points(const Eigen::VectorXd& q
     point.position = X_BF * estimate.frames.targets[k].X_FT.translation();
     point.position_W = estimate.frames.base(station.value_or(0)) * point.position;
     point.covariance = all[k];
+    const double unproved = basis_.region.unproved;
+    const Eigen::Matrix3d of_unproved = Eigen::Vector3d::Constant(unproved * unproved / 3.0).asDiagonal();
     point.new_point =
-        new_point({.covariance = all[k], .place = point.position_W, .noise = basis_.noise.at(station)}, basis_.noise);
+        new_point({.covariance = all[k] + of_unproved, .place = point.position_W, .noise = basis_.noise.at(station)},
+                  basis_.noise);
     point.new_point.radius_95 *= basis_.region.radius_factor;
     point.outside = !basis_.region.holds(q, all[k]) || withholds_tables(basis_.model, q);
   }

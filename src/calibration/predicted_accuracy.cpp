@@ -170,6 +170,48 @@ void add_workspace(const PointPredictor& predictor, const PredictionBasis& basis
   }
 }
 
+// Up to 300 configurations between the measured ones, where radii hold; the measured ones if there are none.
+Eigen::MatrixXd configurations_in(const PredictionBasis& basis, const PointPredictor& predictor,
+                                  const Eigen::MatrixXd& measured) {
+  constexpr int kTried = 1000;
+  constexpr Eigen::Index kMost = 300;
+  Random random(2);
+  const Eigen::MatrixXd all = random_configurations(basis.model.joints, basis.region.joints, kTried, random);
+  const Eigen::ArrayXd sigmas = predictor.sigmas(all, {}).colwise().maxCoeff().transpose();
+  std::vector<Eigen::Index> inside;
+  for (Eigen::Index c = 0; c < all.cols() && std::ssize(inside) < kMost; ++c) {
+    if (sigmas[c] * sigmas[c] <= basis.region.largest_variance) {
+      inside.push_back(c);
+    }
+  }
+  return inside.empty() ? measured : Eigen::MatrixXd(all(Eigen::all, inside));
+}
+
+// 3D distances [m] of the models' predictions from the first one's, root mean square by the odds.
+double unproved(std::span<const PlausibleModel> plausible, const Eigen::MatrixXd& q) {
+  const auto points = [&](const PlausibleModel& one) {
+    const Frames& frames = one.estimate.frames;
+    const Eigen::Isometry3d X_WB = one.model.has_undetermined_bases ? Eigen::Isometry3d::Identity() : frames.base();
+    Matrix3Xd result(3, q.cols() * std::ssize(frames.targets));
+    Eigen::Index column = 0;
+    for (const Eigen::Isometry3d& X_BF : flange_poses(one.model, one.estimate, q)) {
+      for (const TargetFrame& target : frames.targets) {
+        result.col(column++) = X_WB * (X_BF * target.X_FT.translation());
+      }
+    }
+    return result;
+  };
+  double squares = 0.0;
+  double odds = 0.0;
+  const Matrix3Xd chosen = points(plausible.front());
+  for (const PlausibleModel& one : plausible) {
+    const Matrix3Xd others = points(one);
+    squares += one.odds * (others - chosen).squaredNorm();
+    odds += one.odds;
+  }
+  return std::sqrt(squares / (odds * static_cast<double>(chosen.cols())));
+}
+
 }  // namespace
 
 PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const TrainingRows& rows,
@@ -200,6 +242,9 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
   const std::vector<double> of_assumptions = sigmas_of(uncertain.assumed, basis, measured, measurements.signals);
   const double most_assumed = *std::max_element(of_assumptions.begin(), of_assumptions.end());
   basis.region.largest_variance += most_assumed * most_assumed;  // left-out errors do not show them
+  if (!uncertain.plausible.empty() && is_known) {
+    basis.region.unproved = unproved(uncertain.plausible, configurations_in(basis, PointPredictor(basis), measured));
+  }
   result.tested = tested_radius(basis, uncertain, rows.all());
   if (model.has_undetermined_bases) {
     basis.estimate.frames.base().setIdentity();  // predictions in the base frame, along its axes

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <span>
 
 #include "calibration/calibration_result.hpp"
 #include "calibration/determined_fit.hpp"
@@ -20,6 +21,7 @@ struct UncertainEstimate {
   const std::vector<HeldOutPoint>& held_out;
   double optimism = 1.0;           ///< of the selection, see TriedModels
   const Eigen::MatrixXd& assumed;  ///< see considered_steps()
+  std::span<const PlausibleModel> plausible = {};
 };
 
 /// Predicted accuracy at the measured configurations, over the workspace, at the test rows and at the requested

@@ -109,7 +109,7 @@ const std::set<std::string> kQuantities = {"rms",         "mean",        "p95", 
                                            "moves",       "expanded",    "moved_points",  "misfit_without",
                                            "turn",        "radius",      "moved_flange",  "geometry_alone",
                                            "compensated", "of_one",      "urdf_alone",    "reach",
-                                           "test_rms",    "uncertainty", "turn_sigma"};
+                                           "test_rms",    "uncertainty", "turn_sigma",    "unproved"};
 
 // Names that lead to these.
 const std::set<std::string> kGroups = {"position_error",

@@ -110,7 +110,8 @@ Json region_json(const MeasuredRegion& region) {
   for (const auto& [lower, upper] : region.joints) {
     joints.push_back({lower, upper});
   }
-  return {{"joints", joints}, {"largest_variance", finite_or_null(region.largest_variance)}};
+  return {
+      {"joints", joints}, {"largest_variance", finite_or_null(region.largest_variance)}, {"unproved", region.unproved}};
 }
 
 // Directions of the parameters that the measurements do not determine.

@@ -325,6 +325,7 @@ void read_prediction(const Node& top, CalibrationParts& saved) {
   const Node region = member(predicted, "region");
   saved.region.radius_factor = not_negative(member(predicted, "radius_factor"));
   saved.region.largest_variance = not_negative(member(region, "largest_variance"));
+  saved.region.unproved = has(region, "unproved") ? not_negative(member(region, "unproved")) : 0.0;
   for (const Node& node : elements(member(region, "joints"))) {
     const Eigen::Vector2d range = tree::numbers<2>(node);
     if (!(range.x() <= range.y())) {

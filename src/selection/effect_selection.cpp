@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <optional>
@@ -34,7 +35,8 @@ using Eigen::Index;
 using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 2000;
-constexpr double kFlatTable = 5e-6;  // [m or rad]
+constexpr Index kEnoughForRadii = 40;  // their left-out errors show what the radii have to hold
+constexpr double kFlatTable = 5e-6;    // [m or rad]
 
 bool is_tables(const EffectOption& option) { return option.name == to_string(EffectGroup::tables); }
 bool is_gravity(const EffectOption& option) { return option.name == to_string(EffectGroup::gravity); }
@@ -155,6 +157,9 @@ public:
     result.noise = route.score.noise;
     tried.put_first(route.model.names, route.model.sized);
     result.tried = tried.options();
+    if (place_ == Place::outermost && options.effects.automatic && configurations() < kEnoughForRadii) {
+      result.plausible = with_sag(route);
+    }
     if (place_ == Place::outermost && options.effects.groups.empty()) {
       result.optimism = tried.optimism();
     }
@@ -462,6 +467,36 @@ private:
       take(std::move(*step), other);
     }
     return is_preferable(other, route);
+  }
+
+  // The chosen model, and those with the sag that it lacks. Every arm sags, also where too few configurations show it.
+  std::vector<PlausibleModel> with_sag(const Route& route) const {
+    constexpr double kLeastOdds = 0.01;
+    const EffectOption gravity = option_of(EffectGroup::gravity);
+    const std::vector<std::string>& names = route.model.names;
+    const bool is_chosen = std::find(names.begin(), names.end(), gravity.name) != names.end();
+    if (is_chosen || gravity.terms.empty() || route.score.sizes.values.size() == 0) {
+      return {};
+    }
+    std::vector<PlausibleModel> result = {plausible(route.model, route.score, 1.0)};
+    TriedModels none;
+    for (const EffectOption& sag : {gravity, main_of(gravity)}) {
+      const CandidateModel model = extended(route.model, sag);
+      const ModelScore score = scorer_.score_of(model, none, std::numeric_limits<double>::infinity());
+      const double odds = std::exp(score.sizes.evidence - route.score.sizes.evidence);
+      if (score.sizes.values.size() > 0 && odds > kLeastOdds) {
+        result.push_back(plausible(model, score, odds));
+      }
+    }
+    return result;
+  }
+
+  PlausibleModel plausible(const CandidateModel& model, const ModelScore& score, double odds) const {
+    Candidate candidate = with_terms(task_.model, task_.free, model.terms, model.sized);
+    Estimate start = task_.optimum;
+    start.effects = VectorXd::Zero(std::ssize(model.terms));
+    Estimate estimate = candidate.free.moved(start, score.sizes.values);
+    return {.model = std::move(candidate.model), .estimate = std::move(estimate), .odds = odds};
   }
 
   // Withholds tables where the measurements tell too little about them.

@@ -48,15 +48,23 @@ struct NotTried {
   std::string why;
 };
 
+/// A model that may be true, with its estimate, linearised at that of geometry alone.
+struct PlausibleModel {
+  ErrorModel model;
+  Estimate estimate;
+  double odds = 1.0;  ///< against the chosen one, whose are 1
+};
+
 /// The selected effects and priors.
 struct ModelSelection {
   std::vector<EffectTerm> terms;  ///< with their sigmas
   Priors priors;
-  Priors rigid_priors;              ///< best for the model without effects
-  double noise = 0.0;               ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
-  std::vector<ModelOption> tried;   ///< best first; empty without a selection
-  std::vector<NotTried> not_tried;  ///< empty if everything was tried
-  std::size_t not_compared = 0;     ///< points of targets that occur in one fold only
+  Priors rigid_priors;             ///< best for the model without effects
+  double noise = 0.0;              ///< [m] 1 sigma of a coordinate of a mean, by the evidence of the selected model
+  std::vector<ModelOption> tried;  ///< best first; empty without a selection
+  std::vector<PlausibleModel> plausible = {};  ///< of few configurations: the chosen one, and those with sag
+  std::vector<NotTried> not_tried;             ///< empty if everything was tried
+  std::size_t not_compared = 0;                ///< points of targets that occur in one fold only
   /// Optimism of the held-out error due to the selection, see TriedModels; 1 if effects were requested by name.
   double optimism = 1.0;
   std::optional<ContinuedResult> continued = std::nullopt;  ///< of an earlier result

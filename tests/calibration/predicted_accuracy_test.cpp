@@ -36,6 +36,7 @@ struct Uncertain : testing::VirtualExperiment {
   std::vector<HeldOutPoint> held_out;
   double optimism = 1.0;
   MatrixXd assumed;
+  std::vector<PlausibleModel> plausible;
   Configurations asked;
 
   explicit Uncertain(int count_of_targets)
@@ -62,7 +63,8 @@ struct Uncertain : testing::VirtualExperiment {
                                .noise = noise,
                                .held_out = held_out,
                                .optimism = optimism,
-                               .assumed = assumed},
+                               .assumed = assumed,
+                               .plausible = plausible},
                               TrainingRows(measured), asked);
   }
 
@@ -112,6 +114,58 @@ TEST(PredictedAccuracy, OfAskedPointsIsThatOfTheirColumnsAndOfANewPoint) {
     EXPECT_EQ(point.degrees_of_freedom, fresh.degrees_of_freedom);
     EXPECT_EQ(point.outside, c == 2);
   }
+}
+
+// Models whose points are all moved by the same length, three times and half as likely as the chosen one.
+TEST(PredictedAccuracy, RadiiHoldModelsThatMayBeTrue) {
+  Uncertain u(2);
+  const Measurements measured = u.measure(12);
+  u.ask(measured.joint_values);
+  const PredictedAccuracy before = u.predicted(measured);
+  EXPECT_EQ(before.region.unproved, 0.0);
+  const auto moved = [&](double length, double odds) {
+    Estimate estimate = u.robot.truth;
+    estimate.frames.base().translation() += length * Vector3d(2.0, -1.0, 2.0) / 3.0;
+    return PlausibleModel{.model = u.model, .estimate = estimate, .odds = odds};
+  };
+  u.plausible = {moved(0.0, 1.0), moved(1e-4, 3.0), moved(2e-4, 0.5)};
+  const PredictedAccuracy found = u.predicted(measured);
+  const double expected = std::sqrt((3.0 * 1e-8 + 0.5 * 4e-8) / 4.5);
+  EXPECT_NEAR(found.region.unproved, expected, 1e-12);
+  const PositionPredictor predictor(u.model, u.robot.truth, u.free);
+  for (std::size_t i = 0; i < found.asked.size(); ++i) {
+    const Matrix3Xd J = predictor.jacobians(u.asked.joint_values.col(static_cast<Index>(i / 2)))[i % 2];
+    const Eigen::Matrix3d sum =
+        J * u.covariance * J.transpose() + expected * expected / 3.0 * Eigen::Matrix3d::Identity();
+    const NewPoint fresh = new_point({.covariance = sum, .place = found.asked[i].position_W}, new_point_noise(u.noise));
+    EXPECT_NEAR(found.asked[i].radius_95, fresh.radius_95, 1e-9 * fresh.radius_95);
+    EXPECT_GT(found.asked[i].radius_95, before.asked[i].radius_95);
+    EXPECT_EQ(found.asked[i].sigma, before.asked[i].sigma) << "of the parameters alone";
+  }
+}
+
+// What moves only where radii do not hold is not counted.
+TEST(PredictedAccuracy, OtherModelsCountWhereRadiiHold) {
+  Uncertain u(1);
+  const Measurements measured = u.measure(12);
+  Estimate other = u.robot.truth;
+  other.errors[0] += 1e-3;
+  u.plausible = {{.model = u.model, .estimate = u.robot.truth, .odds = 1.0},
+                 {.model = u.model, .estimate = other, .odds = 1.0}};
+  const double everywhere = u.predicted(measured).region.unproved;
+  Measurements near = measured;
+  for (Index c = 0; c < near.joint_values.cols(); ++c) {
+    near.joint_values.col(c) = measured.joint_values.col(0) + 1e-6 * measured.joint_values.col(c);
+  }
+  const double there = u.predicted(near).region.unproved;
+  const auto distance = [&](const VectorXd& q) {
+    const auto point = [&](const Estimate& estimate) {
+      return testing::kdl_point(error_chain(u.model, estimate.errors), estimate, q, 0);
+    };
+    return (point(other) - point(u.robot.truth)).norm();
+  };
+  EXPECT_NEAR(there, distance(near.joint_values.col(0)) / std::sqrt(2.0), 1e-5 * there);
+  EXPECT_NE(everywhere, there);
 }
 
 // Test rows are seen from several places: each is compared with its point there.

@@ -355,6 +355,7 @@ TEST_F(InterfaceFiles, ImpossibleValuesOfAResultAreRefused) {
               HasSubstr("radius_factor: expected a number of 0"));
   EXPECT_THAT(refused({{"/predicted_accuracy/region/largest_variance", -1.0}}),
               HasSubstr("largest_variance: expected"));
+  EXPECT_THAT(refused({{"/predicted_accuracy/region/unproved", -1.0}}), HasSubstr("unproved: expected"));
   EXPECT_THAT(refused({{"/predicted_accuracy/region/joints/2/0", 100.0}}), HasSubstr("the lower end first"));
   EXPECT_THAT(refused({{"/noise/misfit", -1e-3}}), HasSubstr("misfit"));
   EXPECT_THAT(refused({{"/noise/degrees_of_freedom_of_point", -3.0}}),

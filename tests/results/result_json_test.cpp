@@ -291,7 +291,8 @@ Case made_up() {
   found.uncertainty.predicted.of_assumptions = 0.5;
   found.uncertainty.predicted.workspace = made(24);
   found.uncertainty.predicted.cell = 0.5;
-  found.uncertainty.predicted.region = {.radius_factor = 1.75, .largest_variance = 0.25, .joints = {{-1.0, 2.0}}};
+  found.uncertainty.predicted.region = {
+      .radius_factor = 1.75, .largest_variance = 0.25, .joints = {{-1.0, 2.0}}, .unproved = 0.125};
   found.uncertainty.predicted.cells = {{.centre = {1.0, 2.0, 3.0}, .count = 4, .mean = 5.0, .max = 6.0}};
   found.uncertainty.predicted.asked = {{.configuration = "there",
                                         .target = "A",
@@ -445,7 +446,7 @@ TEST(ResultJson, IntervalsAreThoseOfStudentsT) {
                              {"workspace", made_json(24)},
                              {"cell", 0.5},
                              {"radius_factor", 1.75},
-                             {"region", {{"joints", {{-1.0, 2.0}}}, {"largest_variance", 0.25}}},
+                             {"region", {{"joints", {{-1.0, 2.0}}}, {"largest_variance", 0.25}, {"unproved", 0.125}}},
                              {"cells", Json::parse(R"([{"centre": [1.0, 2.0, 3.0], "count": 4, "mean": 5.0,
                                                         "max": 6.0}])")}}));
 }
