@@ -106,9 +106,16 @@ def test_distances(robot, tilting, tmp_path):
             lines.append(f"{row['configuration']},{row['target']},{i + 1}," + ",".join(f"{x:.17g}" for x in numbers))
     (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
     m = kc.read_measurements(robot, tmp_path / "m.csv")
-    found = with_alternatives(robot, m, tilt=TILTING)
-    (doubt,) = about(found.doubts, "tilt")
-    assert abs(doubt.figures["estimate"] - TILT) < 3.5 * doubt.figures["estimate_sigma"] < 0.1 * TILT
+    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
+
+    def moved(q):
+        lever = nominal.flange_poses(q)[:, :3, 3]
+        return twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
+
+    for tilt in (TILTING, {"function": moved, "frame": "base"}):
+        found = with_alternatives(robot, m, tilt=tilt)
+        (doubt,) = about(found.doubts, "tilt")
+        assert abs(doubt.figures["estimate"] - TILT) < 0.1 * TILT and doubt.figures["estimate_sigma"] < 0.03 * TILT
 
 
 def test_what_is_not_there_is_a_remark(robot, measurements):

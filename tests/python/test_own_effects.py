@@ -91,6 +91,19 @@ def test_a_function_that_changes_after_the_fit(robot, yielding, tmp_path):
     kc.load(tmp_path / "r.json", robot, found.own)
 
 
+def test_a_function_that_loses_a_column(robot, yielding):
+    width = 2
+
+    def columns(q):
+        return np.column_stack([np.sin(3.0 * q[:, 1]), np.cos(3.0 * q[:, 1])])[:, :width]
+
+    found = kc.calibrate(robot, yielding, **with_own(wave=columns))
+    assert {term["function"]["column"] for term in found.result["effects"]["terms"]} == {0, 1}
+    width = 1
+    with pytest.raises(kc.InputError, match="wave gives 1 columns, expected as many as when it was fitted"):
+        found.predict(yielding.joint_values[:5], "A")
+
+
 def test_functions_that_differ_somewhere(robot, yielding, tmp_path):
     found = kc.calibrate(robot, yielding, **with_own(wave=wave))
     found.save(tmp_path / "r.json")

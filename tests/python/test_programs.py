@@ -46,6 +46,9 @@ def folder(tmp_path, monkeypatch):
     convention = json.loads((URDF_DIR / "kuka.json").read_text().replace("joint_a", "joint_"))
     convention["matrix"][0][0], convention["matrix"][2][1], convention["offset"][1] = -1, 1, 0.05
     (tmp_path / "kuka.json").write_text(json.dumps(convention))
+    other = json.loads((URDF_DIR / "fanuc_r2000ic_165f_pendant.json").read_text())
+    other["offset"][1] += 0.1
+    (tmp_path / "other.json").write_text(json.dumps(other))
     return tmp_path
 
 
@@ -61,6 +64,7 @@ def by_program(*arguments):
         ("in.ls", {"controller": CONTROLLER}, []),
         ("in.ls", {"controller": str(CONTROLLER), "most_change": 0.2, "line_tolerance": 1e-6}, ["--linear", "0.001"]),
         ("framed.ls", {"controller": CONTROLLER, "frames": "frames.json"}, ["--frames", "frames.json"]),
+        ("in.ls", {"controller": CONTROLLER, "joint_convention": "other.json"}, ["--joint-convention", "other.json"]),
         ("k.src", {}, []),
         ("k.src", {"joint_convention": "kuka.json"}, ["--joint-convention", "kuka.json"]),
     ],

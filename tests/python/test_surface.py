@@ -1,0 +1,218 @@
+"""Every member of the results against the JSON of kdlcal, every word and option by what it does."""
+
+import json
+import subprocess
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import kdl_calibration as kc
+from conftest import KDLCAL, URDF_DIR
+
+URDF = URDF_DIR / "fanuc_r2000ic_165f.urdf"
+PLAIN = {"priors": {"automatic": False}, "effects": {"automatic": False}, "diagnosis": {"try_readings": False}}
+FRAMES = ("base", "targets", "stations")
+
+
+def printed(*arguments):
+    """The JSON that kdlcal prints, whatever its verdict."""
+    done = subprocess.run([KDLCAL, *map(str, arguments), "--json"], capture_output=True, text=True)
+    assert done.returncode in (0, 1), done.stderr
+    return json.loads(done.stdout)
+
+
+def expect_same(own, stated, where):
+    """Each number of the JSON is that of the member of this name."""
+    if isinstance(stated, dict):
+        for key, value in stated.items():
+            if hasattr(own, key):
+                expect_same(getattr(own, key), value, f"{where}.{key}")
+    else:
+        assert own == stated, where
+
+
+@pytest.fixture(scope="module")
+def rich(robot, tmp_path_factory):
+    """Repeats, and test rows at fitted and at new configurations, each kind with noise of its own."""
+    m, _ = kc.simulate(robot, configurations=26, test_configurations=6, repeats=2, noise=3e-5, length_error=5e-4,
+                       angle_error=5e-4, seed=8)  # fmt: skip
+    rows = m.observations
+    place = {name: i for i, name in enumerate(m.configurations)}
+    joints = m.joint_values[[place[name] for name in rows["configuration"]]]
+    again = (rows["repeat"] == 1) & ~rows["test"] & np.isin(rows["configuration"], m.configurations[:5])
+    random = np.random.default_rng(2)
+    points = np.vstack([rows["position"], rows["position"][again] + random.normal(0.0, 1e-4, (again.sum(), 3))])
+    names = [*rows["configuration"], *(f"again {name}" for name in rows["configuration"][again])]
+    split = np.where([*rows["test"], *np.ones(again.sum(), bool)], "test", "train")
+    rich = kc.Measurements.from_arrays(np.vstack([joints, joints[again]]), points, configurations=names, split=split,
+                                       targets=[*rows["target"], *rows["target"][again]], joint_names=robot.joints)  # fmt: skip
+    folder = tmp_path_factory.mktemp("rich")
+    (folder / "m.csv").write_text(rich.csv())
+    return SimpleNamespace(measurements=kc.read_measurements(robot, folder / "m.csv"), csv=folder / "m.csv", folder=folder)
+
+
+@pytest.mark.parametrize("validation", [{"nested": True, "leave_one_out": True, "k_fold": 5}, {}, {"held_out": False}])
+def test_accuracy(robot, rich, validation):
+    found = kc.calibrate(robot, rich.measurements, validation=validation, **PLAIN)
+    own, stated = found.accuracy, found.result
+    errors = stated["position_error"]
+    for name in ("train", "test", "test_at_fitted_poses", "test_at_new_poses", "leave_one_out", "nested_leave_one_out",
+                 "k_fold"):  # fmt: skip
+        assert (getattr(own, name) is None) == (name not in errors), name
+        if name in errors:
+            expect_same(getattr(own, name), errors[name], name)
+    expect_same(own.train_means, errors["train"]["means"], "train_means")
+    assert (own.test_means is None) == ("means" not in errors["test"])
+    assert own.folds == errors.get("k_fold", {}).get("folds", 0)
+    iso = stated["iso_9283"]
+    for name, of_json in [("iso_before", iso["before"]), ("iso_after", iso["after"]),
+                          ("iso_test_before", iso["test"]["before"]), ("iso_test_after", iso["test"]["after"])]:  # fmt: skip
+        expect_same(getattr(own, name), of_json, name)
+    assert own.iso_test_after.accuracy.rms != own.iso_after.accuracy.rms
+    if validation == {"held_out": False}:
+        assert own.held_out is None
+    else:
+        expect_same(own.held_out, errors["leave_one_out"], "held_out")
+
+
+def test_position_errors(robot, rich):
+    stated = printed("validate", "--urdf", URDF, "--measurements", rich.csv)
+    own = kc.validate(robot, rich.measurements)
+    for name in ("all", "train", "test"):
+        expect_same(getattr(own, name), stated["position_error"][name], name)
+        means = stated["position_error"][name].get("means")
+        assert (getattr(own, name + "_means") is None) == (means is None)
+        if means:
+            expect_same(getattr(own, name + "_means"), means, name + "_means")
+    expect_same(own.iso_9283, stated["iso_9283"], "iso_9283")
+    assert own.rms_corrected == stated["rms_corrected"]
+    upper = stated["position_error"]
+    assert own.all.rms * own.upper_95_factor == upper["all"]["rms_upper_95"]
+    assert own.train.rms * own.upper_95_factor == upper["train"]["rms_upper_95"]
+    assert own.test.rms * own.upper_95_factor_of_test == upper["test"]["rms_upper_95"]
+    assert own.bases[0][:3, 3].tolist() == stated["base"]["position"]
+    assert {name: pose[:3, 3].tolist() for name, pose in own.targets.items()} == {
+        target["name"]: target["position"] for target in stated["targets"]
+    }
+
+
+def test_comparison(robot, rich, tmp_path):
+    m = rich.measurements
+    before = kc.calibrate(robot, m, **PLAIN)
+    rows = m.observations
+    moved, _ = kc.simulate(robot, configurations=24, noise=3e-5, length_error=5e-4, angle_error=5e-4, seed=9)
+    after = kc.calibrate(robot, moved, **PLAIN)
+    assert len(rows) and before.trusted and after.trusted
+    before.save(tmp_path / "before.json")
+    after.save(tmp_path / "after.json")
+    stated = printed("compare", tmp_path / "before.json", tmp_path / "after.json")
+    own = kc.compare(kc.load(tmp_path / "before.json", robot), kc.load(tmp_path / "after.json", robot))
+    for name in ("p_value", "chi_square", "degrees_of_freedom", "unseen_zeros", "not_compared", "same_measurements"):
+        assert getattr(own, name) == stated[name], name
+    assert own.has_changed == stated["changed"] and own.has_changed
+    expect_same(own.flange, stated["flange"], "flange")
+    assert own.flange_sigma == stated["flange"]["sigma"]
+    assert len(own.parameters) == len(stated["parameters"]) > 10
+    for row, of_json in zip(own.parameters, stated["parameters"]):
+        for name in ("name", "joint", "before", "change", "std", "explained"):
+            assert row[name] == of_json[name], name
+        assert of_json["unit"] in (None, row["unit"])
+
+
+GROUPS = ["gravity", "transverse", "gain", "backlash", "harmonics", "ripple", "tables", "coupling", "expansion", "drift",
+          "payload"]  # fmt: skip
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_each_group_is_that_of_its_name(robot, group):
+    m, _ = kc.simulate(robot, configurations=130, noise=3e-5, length_error=5e-4, angle_error=5e-4, seed=3)
+    rows = m.observations
+    place = {name: i for i, name in enumerate(m.configurations)}
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    random = np.random.default_rng(1)
+    q = m.joint_values[of_row]
+    around = {"temperature": random.uniform(20.0, 40.0, 130)[of_row], "payload": random.uniform(0.0, 150.0, 130)[of_row]}
+    rich = kc.Measurements.from_arrays(q, rows["position"], targets=rows["target"],
+                                       configurations=rows["configuration"], **around)  # fmt: skip
+    found = kc.calibrate(robot, rich, priors={"automatic": False}, effects={"groups": [group]},
+                         validation={"held_out": False}, diagnosis={"try_readings": False})  # fmt: skip
+    tried = {name for model in found.result["tried"] for name in model["effects"]}
+    assert tried <= {group}
+    terms = {term["group"] for term in found.result["effects"]["terms"]}
+    assert terms == {group} or (group == "ripple" and not terms)  # where none is found
+
+
+def test_the_direction_of_approach_needs_no_names(robot):
+    """Backlash by the order of driving, with and without the names of joints."""
+    m, _ = kc.simulate(robot, configurations=60, noise=3e-5, length_error=5e-4, angle_error=5e-4, seed=3)
+    rows = m.observations
+    place = {name: i for i, name in enumerate(m.configurations)}
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    q = m.joint_values[of_row]
+    sums = []
+    for names in (None, robot.joints):
+        driven = kc.Measurements.from_arrays(q, rows["position"], targets=rows["target"], order=of_row,
+                                             configurations=rows["configuration"], joint_names=names)  # fmt: skip
+        found = kc.calibrate(robot, driven, priors={"automatic": False}, effects={"groups": ["backlash"]},
+                             validation={"held_out": False}, diagnosis={"try_readings": False})  # fmt: skip
+        functions = [term["function"] for term in found.result["effects"]["terms"]]
+        assert any(function.get("of") == "approach" for function in functions)
+        sums.append(found.parameters["error"].tolist())
+    assert sums[0] == sums[1]
+
+
+class Enough(BaseException):
+    """No Exception, as KeyboardInterrupt."""
+
+
+@pytest.mark.parametrize("kind", ["effect", "alternative"])
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, Enough])
+def test_what_is_no_exception_passes_through_an_own_function(robot, measurements, kind, raised):
+    def stop(q):
+        raise raised("enough")
+
+    own = {"w": {"joint": "joint_2", "function": stop}}
+    options = {"effects": {"own": own}} if kind == "effect" else {"diagnosis": {"alternatives": own}}
+    with pytest.raises(raised, match="enough"):
+        kc.calibrate(robot, measurements, **options)
+
+
+def test_messages_name_the_structure_of_every_option(robot, found):
+    m, _ = kc.simulate(robot, configurations=30, noise=3e-5)
+    for options, member in [
+        ({"estimator": {"iterations": -1}}, "estimator.iterations"),
+        ({"estimator": {"method": "two_step"}, "priors": {"stated": {"length": 1e-3}}}, "estimator.method"),
+        ({"parameters": {"fix": ["*"]}}, "parameters.fix"),
+        ({"parameters": {"fix": ["Tx1"], "free": ["Tx1"]}}, "parameters.free"),
+        ({"parameters": {"keep_axes": "angles"}, "priors": {"earlier": found}}, "parameters.keep_axes"),
+        ({"noise": {"weights": "repeats"}}, "noise.weights"),
+    ]:
+        with pytest.raises(kc.InputError, match=f"^{member}: "):
+            kc.calibrate(robot, m, **options)
+
+
+def test_a_validation_of_a_calibration_takes_its_options(robot, rich):
+    found = kc.calibrate(robot, rich.measurements, **PLAIN)
+    own = {"w": {"joint": "joint_2", "function": lambda q: np.sin(3.0 * q[:, 1])}}
+    errors = kc.validate(found, rich.measurements, diagnosis={"alternatives": own})
+    assert any("alternative w" in text for text in [*errors.warnings, *map(str, errors.doubts)])
+    base = np.eye(4)
+    base[:3, 3] = found.result["base"]["position"]
+    known = kc.validate(found, rich.measurements, known={"bases": {"W": base}})
+    assert known.registered == "targets" and (known.bases[0] == base).all()
+
+
+def test_each_column_has_its_own_sigma(robot, measurements):
+    def columns(q):
+        return np.column_stack([np.sin(3.0 * q[:, 1]), 5.0 * np.sin(3.0 * q[:, 2])])
+
+    figures = []
+    for order in ([0, 1], [1, 0]):
+        own = {"w": {"joint": "joint_2", "function": lambda q, order=order: columns(q)[:, order]}}
+        found = kc.calibrate(robot, measurements, diagnosis={"alternatives": own}, priors={"automatic": False},
+                             effects={"automatic": False}, validation={"held_out": False})  # fmt: skip
+        (said,) = [r for r in [*found.remarks, *found.doubts] if ("alternative", "w") in r.subjects]
+        figures.append([said.figures[f"estimate_{i}{end}"] for i in (1, 2) for end in ("", "_sigma")])
+    assert figures[0] == pytest.approx([*figures[1][2:], *figures[1][:2]], rel=1e-6)
+    assert figures[0][1] > 1.5 * figures[0][3]
