@@ -242,7 +242,7 @@ PredictedAccuracy predicted_accuracy(const UncertainEstimate& uncertain, const T
   const std::vector<double> of_assumptions = sigmas_of(uncertain.assumed, basis, measured, measurements.signals);
   const double most_assumed = *std::max_element(of_assumptions.begin(), of_assumptions.end());
   basis.region.largest_variance += most_assumed * most_assumed;  // left-out errors do not show them
-  if (!uncertain.plausible.empty() && is_known) {
+  if (!uncertain.plausible.empty() && is_known && !needs_torques(model)) {
     basis.region.unproved = unproved(uncertain.plausible, configurations_in(basis, PointPredictor(basis), measured));
   }
   result.tested = tested_radius(basis, uncertain, rows.all());

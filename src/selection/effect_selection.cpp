@@ -472,6 +472,7 @@ private:
   // The chosen model, and those with the sag that it lacks. Every arm sags, also where too few configurations show it.
   std::vector<PlausibleModel> with_sag(const Route& route) const {
     constexpr double kLeastOdds = 0.01;
+    constexpr double kCertain = 30.0;
     const EffectOption gravity = option_of(EffectGroup::gravity);
     const std::vector<std::string>& names = route.model.names;
     const bool is_chosen = std::find(names.begin(), names.end(), gravity.name) != names.end();
@@ -483,7 +484,7 @@ private:
     for (const EffectOption& sag : {gravity, main_of(gravity)}) {
       const CandidateModel model = extended(route.model, sag);
       const ModelScore score = scorer_.score_of(model, none, std::numeric_limits<double>::infinity());
-      const double odds = std::exp(score.sizes.evidence - route.score.sizes.evidence);
+      const double odds = std::exp(std::min(score.sizes.evidence - route.score.sizes.evidence, kCertain));
       if (score.sizes.values.size() > 0 && odds > kLeastOdds) {
         result.push_back(plausible(model, score, odds));
       }

@@ -143,6 +143,27 @@ def test_the_frame_of_displacements(robot, tilting):
     assert other.figures["moves"] != doubt.figures["moves"]
 
 
+def test_columns_in_the_base_frame_move_points_each_by_its_own(robot, tilting):
+    """A tilt in its two coordinates moves predictions as the tilt does."""
+    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
+
+    def moved(q):
+        lever = nominal.flange_poses(q)[:, :3, 3]
+        return twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
+
+    def in_coordinates(q):
+        return moved(q)[:, None, :] * np.eye(3)[1:]
+
+    figures = []
+    for function in (moved, in_coordinates):
+        found = with_alternatives(robot, tilting, tilt={"function": function, "frame": "base"})
+        (said,) = about([*found.doubts, *found.remarks], "tilt")
+        figures.append(said.figures)
+    assert figures[1]["moves"] == pytest.approx(figures[0]["moves"], rel=0.05)
+    assert figures[1]["estimate_1"] == pytest.approx(TILT, rel=0.15)
+    assert figures[1]["estimate_2"] == pytest.approx(TILT, rel=0.15)
+
+
 def test_constant_columns_cannot_be_seen(robot, tilting):
     found = with_alternatives(robot, tilting, still={"function": lambda q: np.ones(len(q)), "joint": "joint_2"},
                               shift={"function": lambda q: np.ones((len(q), 3))})  # fmt: skip

@@ -1,5 +1,6 @@
 """Every member of the results against the JSON of kdlcal, every word and option by what it does."""
 
+import gc
 import json
 import subprocess
 from types import SimpleNamespace
@@ -216,3 +217,140 @@ def test_each_column_has_its_own_sigma(robot, measurements):
         figures.append([said.figures[f"estimate_{i}{end}"] for i in (1, 2) for end in ("", "_sigma")])
     assert figures[0] == pytest.approx([*figures[1][2:], *figures[1][:2]], rel=1e-6)
     assert figures[0][1] > 1.5 * figures[0][3]
+
+
+def views_of(thing):
+    """Its members that are arrays which share memory with it."""
+    for name in dir(type(thing)):
+        if not name.startswith("_") and isinstance(getattr(type(thing), name), property):
+            value = getattr(thing, name)
+            if isinstance(value, np.ndarray) and not value.flags.owndata:
+                yield name, value
+
+
+def test_views_keep_their_owners(robot, rich):
+    found = kc.calibrate(robot, rich.measurements, **PLAIN)
+    owners = {"plan": kc.plan(robot, count=20), "measurements": rich.measurements, "robot": robot, "found": found,
+              "arm": found.arm() if callable(found.arm) else found.arm}  # fmt: skip
+    seen = 0
+    for owner, thing in owners.items():
+        for name, view in views_of(thing):
+            seen += 1
+            assert view.base is not None, f"{owner}.{name}"
+    assert seen >= 2
+    view = kc.plan(robot, count=20, seed=3).joint_values
+    kept = view.copy()
+    gc.collect()
+    filling = [np.full(view.size, i, dtype=float) for i in range(200)]
+    assert len(filling) == 200 and (view == kept).all()
+
+
+DH = "joint,type,a[mm],alpha[deg],d[mm],theta[deg],lower[deg],upper[deg]\nconvention,standard\n"
+
+
+def test_every_argument_of_the_readers(robot, tmp_path):
+    for read in (kc.load_robot, lambda file, **links: kc.parse_robot(file.read_text(), **links)):
+        part = read(URDF, base="link_1", tip="link_4")
+        assert (part.base, part.tip) == ("link_1", "link_4") and len(part.joints) == 3
+        assert read(URDF, tip="link_3").joints == robot.joints[:3]
+        assert read(URDF, base="link_2").joints == robot.joints[2:]
+    rows = ["J1,revolute,0,90,400,0,-170,170", "J2,revolute,700,0,0,90,-90,90", "J3,revolute,100,90,0,0,-90,90"]
+    (tmp_path / "dh.csv").write_text("convention,standard\n" + DH.splitlines()[0] + "\n" + "\n".join(rows) + "\n")
+    whole = kc.load_dh_robot(tmp_path / "dh.csv")
+    assert whole.joints == ["J1", "J2", "J3"]
+    shorter = kc.load_dh_robot(tmp_path / "dh.csv", tip=whole.link_names[2] if hasattr(whole, "link_names") else "link_2")
+    assert shorter.tip == "link_2" and len(shorter.joints) < 3
+    later = kc.load_dh_robot(tmp_path / "dh.csv", base="link_1")
+    assert later.base == "link_1" and later.joints == ["J2", "J3"]
+
+
+@pytest.mark.parametrize("validation", ["leave_one_out", "nested", "k_fold"])
+def test_nothing_is_left_out_and_something_is(robot, measurements, validation):
+    with pytest.raises(kc.InputError, match="^validation.held_out: False beside leave_one_out, nested or k_fold"):
+        kc.calibrate(robot, measurements, validation={"held_out": False, validation: 5 if validation == "k_fold" else True})
+
+
+def test_progress_of_every_long_work(robot, rich):
+    """An exception of the callable ends the work."""
+    found = kc.calibrate(robot, rich.measurements, **PLAIN)
+    works = {
+        "calibrate": lambda progress: kc.calibrate(robot, rich.measurements, progress=progress),
+        "validate": lambda progress: kc.validate(robot, rich.measurements, progress=progress),
+        "plan": lambda progress: kc.plan(robot, count=20, progress=progress),
+    }
+    shifted = rich.measurements.joint_values.copy()
+    place = {name: i for i, name in enumerate(rich.measurements.configurations)}
+    rows = rich.measurements.observations
+    shifted[:, 2] += 5e-3
+    wrong = kc.Measurements.from_arrays(shifted[[place[name] for name in rows["configuration"]]], rows["position"],
+                                        targets=rows["target"], configurations=rows["configuration"])  # fmt: skip
+    works["validate a calibration"] = lambda progress: kc.validate(found, wrong, progress=progress)
+    for name, work in works.items():
+        calls = []
+        work(lambda *call: calls.append(call))
+        assert calls, name
+        with pytest.raises(ZeroDivisionError):
+            work(lambda *call: 1 / 0)
+
+
+def test_one_point_that_is_not_reached(found, tmp_path, monkeypatch):
+    from test_programs import CONTROLLER, fanuc
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in.ls").write_text(fanuc())
+    changes = kc.compensate_program(found, "in.ls", controller=CONTROLLER).positions
+    largest = np.sort(abs(changes["joint_values"] - changes["asked"]).max(axis=1))
+    assert largest[-1] > largest[-2]
+    limited = kc.compensate_program(found, "in.ls", controller=CONTROLLER, most_change=largest[-2:].mean())
+    assert limited.positions["written"].sum() == 2
+    assert limited.warnings[0] == "1 of 3 points are not reached and stay as they were"
+
+
+def test_links_of_temperatures_are_those_of_the_robot(robot, found):
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 6))
+    for names in (None, robot.joints):
+        m = kc.Measurements.from_arrays(q, found.predict(q, "A").position, link_temperatures={"nolink": np.full(20, 20.0)},
+                                        joint_names=names)  # fmt: skip
+        for work in (lambda: kc.validate(robot, m), lambda: kc.calibrate(robot, m), lambda: kc.validate(found, m)):
+            with pytest.raises(kc.InputError, match="temperature of 'nolink'"):
+                work()
+
+
+@pytest.mark.parametrize("width", [2, 4])
+def test_displacements_have_three_coordinates(robot, measurements, width):
+    for shape in ((width,), (2, width)):
+        own = {"w": {"function": lambda q, shape=shape: np.ones((len(q), *shape)) * q[:, :1].reshape(-1, *[1] * len(shape))}}
+        with pytest.raises(kc.InputError, match=r"an array of shape \(\d+, (2, )?\d\), expected displacements"):
+            kc.calibrate(robot, measurements, diagnosis={"alternatives": own})
+
+
+def test_alternatives_that_were_not_tried_say_why(robot, rich):
+    m = rich.measurements
+    rows = m.observations
+    place = {name: i for i, name in enumerate(m.configurations)}
+    joints = m.joint_values[[place[name] for name in rows["configuration"]]]
+    own = {"w": {"joint": "joint_2", "function": lambda q: np.sin(3.0 * q[:, 1])}}
+    mirrored = joints * [1, 1, -1, 1, 1, 1]
+    wrong = kc.Measurements.from_arrays(mirrored, rows["position"], targets=rows["target"],
+                                        configurations=rows["configuration"])  # fmt: skip
+    said = [str(r) for r in kc.calibrate(robot, wrong, diagnosis={"alternatives": own}).remarks]
+    said += kc.validate(robot, wrong, diagnosis={"alternatives": own}).warnings
+    assert [text for text in said if "alternative w" in text] == [
+        "alternative w was not tried, as the input seems to be wrong"] * 2  # fmt: skip
+
+
+def test_columns_that_are_not_to_be_used():
+    pandas = pytest.importorskip("pandas")
+    usual = {"sigma": 1e-3, "split": ["train", "test"], "temperature": 20.0, "payload": 80.0, "repeat": [3, 4],
+             "station": ["V", "W"], "configuration": ["a", "b"], "target": ["E", "F"]}  # fmt: skip
+    frame = pandas.DataFrame({"q": [0.0, 1.0], "x": 1.0, "y": 2.0, "z": 3.0, "temperature_link_2": 25.0, **usual})
+    bare = kc.from_pandas(frame[["q", "x", "y", "z"]], ["q"]).csv()
+    assert kc.from_pandas(frame, ["q"]).csv() != bare
+    keywords = {"sigma": "sigma", "split": "split", "temperature": "temperature", "payload": "payload", "repeats": "repeat",
+                "stations": "station", "configurations": "configuration", "targets": "target"}  # fmt: skip
+    for keyword, column in keywords.items():
+        alone = frame[["q", "x", "y", "z", column]]
+        assert kc.from_pandas(alone, ["q"]).csv() != bare, keyword
+        assert kc.from_pandas(alone, ["q"], **{keyword: None}).csv() == bare, keyword
+    unused = dict.fromkeys([*keywords, "link_temperatures"])
+    assert kc.from_pandas(frame, ["q"], **unused).csv() == bare
