@@ -249,6 +249,12 @@ void try_alone(const OrdinaryFit& fit, const Explanations& explanations, Index c
   }
 }
 
+// Whether an arm that sags more than others explains as much from the first visit on.
+bool is_larger_throughout(const Explanations& explanations, const AlternativeSums& in_all,
+                          const MistakeFamily& changes) {
+  return explanations.first_evidence(in_all) >= changes.evidence;
+}
+
 }  // namespace
 
 void try_changes(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
@@ -289,6 +295,12 @@ void try_changes(const OrdinaryFit& fit, const Explanations& explanations, std::
             explanations, from_here.of(all[i].columns),
             [&] { return change_trial(fit, all[i], visits[v - 1].configuration); }, is_halfway);
       }
+    }
+  }
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (all[i].cause == Cause::payload_changed &&
+        is_larger_throughout(explanations, from_here.of(all[i].columns), changes[i])) {
+      changes[i].best.reset();
     }
   }
   for (std::size_t station = 0; station < drift.size(); ++station) {
