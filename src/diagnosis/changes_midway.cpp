@@ -249,10 +249,22 @@ void try_alone(const OrdinaryFit& fit, const Explanations& explanations, Index c
   }
 }
 
-// Whether an arm that sags more than others explains as much from the first visit on.
-bool is_larger_throughout(const Explanations& explanations, const AlternativeSums& in_all,
-                          const MistakeFamily& changes) {
-  return explanations.first_evidence(in_all) >= changes.evidence;
+// An arm that sags more than others, from the first visit on, is no change.
+void leave_to_sag(const OrdinaryFit& fit, const Explanations& explanations, const ChangeSums& in_all,
+                  std::vector<MistakeFamily>& changes) {
+  const std::vector<std::size_t> loads = payload_effects(fit);
+  if (loads.empty()) {
+    return;
+  }
+  const auto evidence = [&](const std::vector<std::size_t>& effects) {
+    return explanations.first_evidence(in_all.of(fit.unit_columns(UnknownGroup::effects, effects)));
+  };
+  const double sag = std::max(evidence(loads), evidence(fit.effects_of(EffectGroup::gravity)));
+  for (MistakeFamily& family : changes) {
+    if (family.evidence <= sag) {
+      family.best.reset();
+    }
+  }
 }
 
 }  // namespace
@@ -297,16 +309,11 @@ void try_changes(const OrdinaryFit& fit, const Explanations& explanations, std::
       }
     }
   }
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    if (all[i].cause == Cause::payload_changed &&
-        is_larger_throughout(explanations, from_here.of(all[i].columns), changes[i])) {
-      changes[i].best.reset();
-    }
-  }
   for (std::size_t station = 0; station < drift.size(); ++station) {
     MistakeFamily& family = changes.emplace_back();
     family.add(explanations, drift[station].of(fit.of_base(station)), [&] { return drift_trial(fit, station); });
   }
+  leave_to_sag(fit, explanations, from_here, changes);
   changes.push_back(std::move(alone));
   std::move(changes.begin(), changes.end(), std::back_inserter(families));
 }
