@@ -101,7 +101,10 @@ def test_messages_of_doubts_name_keywords(robot):
     wrong = np.column_stack([w, axis[:, ::-1]])
     found = kc.calibrate(robot, kc.from_arrays(orientations=wrong / np.linalg.norm(wrong, axis=1)[:, None], **rows),
                          effects={"automatic": False}, priors={"automatic": False})  # fmt: skip
-    assert not any("--" in str(doubt) for doubt in [*found.doubts, *found.remarks])
+    for doubt in [*found.doubts, *found.remarks]:
+        assert "--" not in str(doubt) and str(doubt) == doubt.message
+        assert repr(doubt) == f"<Doubt {doubt.cause}: {doubt.message}>"
+    assert "orientation fixed-xyz" in " ".join(map(repr, found.doubts))
 
 
 @pytest.mark.parametrize("form", [os.fsencode, os.fsdecode])

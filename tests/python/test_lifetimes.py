@@ -122,13 +122,20 @@ def test_ctrl_c_stops_predictions(found):
 
 
 def test_a_signal_at_the_end_of_work_arrives(robot):
-    """Validations of what fits never look for it."""
-    m, _ = kc.simulate(robot, configurations=2000, repeats=2)
-    timer = threading.Timer(0.06, os.kill, (os.getpid(), signal.SIGINT))
+    """A validation that tries no readings never looks for it."""
+    m, _ = kc.simulate(robot, configurations=1000)
+    for _ in range(8):  # until it lasts for long enough
+        start = time.monotonic()
+        kc.validate(robot, m, diagnosis={"try_readings": False})
+        lasted = time.monotonic() - start
+        if lasted > 0.5:
+            break
+        m, _ = kc.simulate(robot, configurations=2 * len(m.configurations))
+    timer = threading.Timer(0.4 * lasted, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(KeyboardInterrupt):
-        while True:
-            kc.validate(robot, m)
+        kc.validate(robot, m, diagnosis={"try_readings": False})
+        time.sleep(10.0)  # a signal that comes too late is no defect
     timer.join()
 
 

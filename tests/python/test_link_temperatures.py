@@ -222,6 +222,10 @@ def test_a_saved_result_predicts_at_the_same_temperatures(robot, warm, found, tm
     copied = pickle.loads(pickle.dumps(again))
     assert repr(copied) == repr(again) == repr(both)
     np.testing.assert_allclose(copied.predict(q, "A").position, both.predict(q, "A").position, rtol=0, atol=1e-12)
+    cooler = one.at(link_temperatures={"link_2": 22.0})
+    assert " with link_2 at 22 degC: " in repr(cooler) == repr(pickle.loads(pickle.dumps(cooler)))
+    for same in (found.at(link_temperatures={"link_2": 22.0}), pickle.loads(pickle.dumps(cooler))):
+        np.testing.assert_allclose(same.predict(q, "A").position, cooler.predict(q, "A").position, rtol=0, atol=1e-12)
     warmer = one.at(temperature=30.0)
     assert "link_2" not in repr(warmer)
     np.testing.assert_array_equal(warmer.predict(q, "A").position, found.at(30.0).predict(q, "A").position)

@@ -354,3 +354,16 @@ def test_columns_that_are_not_to_be_used():
         assert kc.from_pandas(alone, ["q"], **{keyword: None}).csv() == bare, keyword
     unused = dict.fromkeys([*keywords, "link_temperatures"])
     assert kc.from_pandas(frame, ["q"], **unused).csv() == bare
+
+
+def test_arrays_of_a_convention_are_copies():
+    file = URDF_DIR / "fanuc_r2000ic_165f_pendant.json"
+    stated = json.loads(file.read_text())
+    for name in ("matrix", "offset"):
+        array = getattr(kc.read_joint_convention(file), name)
+        gc.collect()
+        filling = [np.full(array.size, i, dtype=float) for i in range(200)]
+        assert len(filling) == 200 and array.tolist() == stated[name]
+        convention = kc.read_joint_convention(file)
+        getattr(convention, name)[...] = 5.0
+        assert getattr(convention, name).tolist() == stated[name]
