@@ -164,6 +164,25 @@ def test_columns_in_the_base_frame_move_points_each_by_its_own(robot, tilting):
     assert figures[1]["estimate_2"] == pytest.approx(TILT, rel=0.15)
 
 
+def test_columns_in_the_base_frame_turn_with_the_measuring_frame(robot, tilting):
+    """All points seen from a device that lies on its side."""
+    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
+    joints, points = rows_of(tilting)
+    turned = points @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+    def in_coordinates(q):
+        lever = nominal.flange_poses(q)[:, :3, 3]
+        moved = twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
+        return moved[:, None, :] * np.eye(3)[1:]
+
+    m = kc.Measurements.from_arrays(joints, turned, configurations=tilting.observations["configuration"],
+                                    targets=tilting.observations["target"])  # fmt: skip
+    found = with_alternatives(robot, m, tilt={"function": in_coordinates, "frame": "base"})
+    (said,) = about([*found.doubts, *found.remarks], "tilt")
+    assert said.figures["estimate_1"] == pytest.approx(TILT, rel=0.15)
+    assert said.figures["estimate_2"] == pytest.approx(TILT, rel=0.15)
+
+
 def test_constant_columns_cannot_be_seen(robot, tilting):
     found = with_alternatives(robot, tilting, still={"function": lambda q: np.ones(len(q)), "joint": "joint_2"},
                               shift={"function": lambda q: np.ones((len(q), 3))})  # fmt: skip

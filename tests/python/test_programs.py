@@ -143,6 +143,14 @@ def test_lines_that_the_tool_leaves(found, folder):
     (path,) = kc.compensate_program(found, "in.ls", controller=CONTROLLER, line_tolerance=1e-9).paths
     assert (path["line"], path["from"], path["to"]) == (4, "P[1]", "P[2]")
     assert 1e-9 < path["deviation"] < 1e-3 and 0.0 <= path["orientation_deviation"] < 1e-3
+    turned = fanuc().replace("R =    10.000 deg", "R =    70.000 deg", 1)  # so that the tool turns on its way
+    (folder / "turned.ls").write_text(turned)
+    found.save("r.json")
+    (path,) = kc.compensate_program(found, "turned.ls", controller=CONTROLLER, line_tolerance=1e-9).paths
+    said = by_program("--program", "turned.ls", "--output", "c.ls", "--controller", str(CONTROLLER), "--linear", "0.001").stderr
+    degrees = np.degrees(path["orientation_deviation"])
+    assert f"leaves the straight line by {path['deviation'] * 1e3:.3f} mm and {degrees:.3f} deg" in said
+    assert abs(degrees - np.degrees(path["deviation"])) > 2e-3
 
 
 def test_points_that_cannot_be_reached_stay(found, folder):

@@ -367,3 +367,27 @@ def test_arrays_of_a_convention_are_copies():
         convention = kc.read_joint_convention(file)
         getattr(convention, name)[...] = 5.0
         assert getattr(convention, name).tolist() == stated[name]
+
+
+@pytest.mark.parametrize("joints", [2, 7])
+def test_rows_of_arms_with_other_numbers_of_joints(joints):
+    links = "".join(f"<link name='l{i}'/>" for i in range(joints + 1))
+    axes = ["0 0 1", "0 1 0", "1 0 0"]
+    chain = "".join(
+        f"<joint name='j{i}' type='revolute'><parent link='l{i}'/><child link='l{i + 1}'/><axis xyz='{axes[i % 3]}'/>"
+        f"<origin xyz='0.1 {0.02 * i} 0.3'/><limit lower='-2' upper='2' effort='1' velocity='1'/></joint>"
+        for i in range(joints)
+    )
+    _, arm = kc.simulate(kc.parse_robot(f"<robot name='r'>{links}{chain}</robot>"), configurations=20)
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (5, joints))
+    poses, jacobians = arm.flange_jacobians(q)
+    assert jacobians.shape == (5, 6, joints) and poses.shape == (5, 4, 4)
+    np.testing.assert_allclose(poses, arm.flange_poses(q), rtol=0, atol=1e-14)
+    for i in range(5):
+        one_pose, one_jacobian = arm.flange_jacobians(q[i])
+        np.testing.assert_array_equal(poses[i], one_pose)
+        np.testing.assert_array_equal(jacobians[i], one_jacobian)
+        step = 1e-6
+        for j in range(joints):  # central differences of positions
+            there = [arm.flange_poses(q[i] + sign * step * np.eye(joints)[j])[:3, 3] for sign in (1, -1)]
+            np.testing.assert_allclose(jacobians[i][:3, j], (there[0] - there[1]) / (2.0 * step), atol=1e-8)
