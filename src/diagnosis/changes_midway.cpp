@@ -249,20 +249,14 @@ void try_alone(const OrdinaryFit& fit, const Explanations& explanations, Index c
   }
 }
 
-// An arm that sags more than others, from the first visit on, is no change.
-void leave_to_sag(const OrdinaryFit& fit, const Explanations& explanations, const ChangeSums& in_all,
+// An arm that sags more than others, from the first visit on: no change.
+void try_more_sag(const OrdinaryFit& fit, const Explanations& explanations, const ChangeSums& in_all,
                   std::vector<MistakeFamily>& changes) {
-  const std::vector<std::size_t> loads = payload_effects(fit);
-  if (loads.empty()) {
-    return;
-  }
-  const auto evidence = [&](const std::vector<std::size_t>& effects) {
-    return explanations.first_evidence(in_all.of(fit.unit_columns(UnknownGroup::effects, effects)));
-  };
-  const double sag = std::max(evidence(loads), evidence(fit.effects_of(EffectGroup::gravity)));
-  for (MistakeFamily& family : changes) {
-    if (family.evidence <= sag) {
-      family.best.reset();
+  for (const std::vector<std::size_t>& effects : {payload_effects(fit), fit.effects_of(EffectGroup::gravity)}) {
+    if (!effects.empty()) {
+      changes.emplace_back().add(
+          explanations, in_all.of(fit.unit_columns(UnknownGroup::effects, effects)),
+          [] { return MistakeTrial{.is_mistake = false}; }, false);
     }
   }
 }
@@ -313,7 +307,7 @@ void try_changes(const OrdinaryFit& fit, const Explanations& explanations, std::
     MistakeFamily& family = changes.emplace_back();
     family.add(explanations, drift[station].of(fit.of_base(station)), [&] { return drift_trial(fit, station); });
   }
-  leave_to_sag(fit, explanations, from_here, changes);
+  try_more_sag(fit, explanations, from_here, changes);
   changes.push_back(std::move(alone));
   std::move(changes.begin(), changes.end(), std::back_inserter(families));
 }

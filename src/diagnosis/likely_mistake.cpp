@@ -89,11 +89,12 @@ std::optional<Found> best_of(const std::vector<MistakeFamily>& families, const E
   tried.resize(std::min(tried.size(), kMostFitted));
   std::optional<Found> result;
   for (Found& found : judged(tried, explanations, fit, doubted)) {
-    if (found.significant && found.matters && found.evidence > (result ? result->evidence : 0.0)) {
+    const bool counts = !found.trial.is_mistake || (found.significant && found.matters);
+    if (counts && found.evidence > (result ? result->evidence : 0.0)) {
       result = std::move(found);
     }
   }
-  return result;
+  return result && result->trial.is_mistake ? std::move(result) : std::nullopt;
 }
 
 // Adds the length of three columns of the estimate, from `first` on, with its 1 sigma in that direction.
