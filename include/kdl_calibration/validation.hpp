@@ -55,7 +55,7 @@ struct PositionErrors {
 };
 
 /// The robot as its URDF says. `diagnosis` states the joint conventions that other readings of the data try;
-/// without `try_readings` none is tried, which takes most of the time, and of which `progress` hears. Throws
+/// without `try_readings` none is tried. Trying them takes most of the time, and calls `progress` meanwhile. Throws
 /// InputError: a convention of other joints, measurements of another robot, known frames that were not measured, fewer
 /// coordinates than base and targets take.
 PositionErrors validate(const Robot& robot, const Measurements& measurements, const KnownFrames& known = {},

@@ -131,8 +131,8 @@ struct MeasuredRegion {
   double radius_factor = 1.0;
   double largest_variance = 0.0;  ///< [m^2] trace of the covariance of a held-out point by the parameters
   JointRanges joints;             ///< of the training rows, and 5 % beyond on both sides
-  /// [m] RMS distance of the predictions there from those of models with sag, by their odds, where few configurations
-  /// do not prove it. It is part of the radii.
+  /// [m] RMS distance of the predictions there from those of models with sag, weighted by odds. It is part of the
+  /// radii. 0 if sag was chosen, and from 40 configurations on.
   double unproved = 0.0;
 
   bool holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_parameters) const;

@@ -69,7 +69,6 @@ bool MeasuredRegion::holds(const Eigen::VectorXd& q, const Eigen::Matrix3d& of_p
 MeasuredRegion measured_region(const Measurements& measurements, const std::vector<HeldOutPoint>& held_out,
                                const NoiseReport& noise, double optimism) {
   constexpr double kBeyond = 0.05;  // of the range
-  constexpr std::size_t kFewest = 40;
   MeasuredRegion region;
   const std::map<std::int32_t, std::vector<double>> ratios = left_out_ratios(held_out, new_point_noise(noise));
   for (const HeldOutPoint& point : held_out) {
@@ -92,7 +91,7 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
       shares.emplace_back(ratio, 1.0 / static_cast<double>(of_configuration.size()));
     }
   }
-  if (ratios.size() < kFewest) {
+  if (ratios.size() < kEnoughForRadii) {
     region.radius_factor = optimism;
     return region;
   }

@@ -129,14 +129,14 @@ std::vector<PointWithCovariance> PointPredictor::points(const Eigen::VectorXd& q
   const Estimate& estimate = basis_.estimate;
   const Eigen::Isometry3d X_BF = flange_poses(basis_.model, estimate, q, signals).front();
   const std::vector<Eigen::Matrix3d> all = covariances(q, signals, station);
+  const double unproved = basis_.region.unproved;
+  const Eigen::Matrix3d of_unproved = unproved * unproved / 3.0 * Eigen::Matrix3d::Identity();
   std::vector<PointWithCovariance> result;
   for (std::size_t k = 0; k < estimate.frames.targets.size(); ++k) {
     PointWithCovariance& point = result.emplace_back();
     point.position = X_BF * estimate.frames.targets[k].X_FT.translation();
     point.position_W = estimate.frames.base(station.value_or(0)) * point.position;
     point.covariance = all[k];
-    const double unproved = basis_.region.unproved;
-    const Eigen::Matrix3d of_unproved = Eigen::Vector3d::Constant(unproved * unproved / 3.0).asDiagonal();
     point.new_point =
         new_point({.covariance = all[k] + of_unproved, .place = point.position_W, .noise = basis_.noise.at(station)},
                   basis_.noise);

@@ -249,7 +249,7 @@ void try_alone(const OrdinaryFit& fit, const Explanations& explanations, Index c
   }
 }
 
-// An arm that sags more than others, from the first visit on: no change.
+// More sag than is ordinary, from the first visit on, is no change.
 void try_more_sag(const OrdinaryFit& fit, const Explanations& explanations, const ChangeSums& in_all,
                   std::vector<MistakeFamily>& changes) {
   for (const std::vector<std::size_t>& effects : {payload_effects(fit), fit.effects_of(EffectGroup::gravity)}) {

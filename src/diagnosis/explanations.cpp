@@ -123,8 +123,7 @@ Explanations::Explanations(const LinearisedFit& fit) : fit_(fit) {
     weights.variance[place] =
         std::max(squares_[place] / std::max(fit.coordinates[place], 1.0), fit.least_variance[place]);
   }
-  weights.variance = with_freedom(equations(weights), weights.variance.max(fit.doubted_variance));
-  without_ = std::make_shared<const Equations>(weighed(nothing(), weights));
+  without_ = std::make_shared<const Equations>(weighed(nothing(), with_freedom(weights, fit.doubted_variance)));
 }
 
 VectorXd Explanations::ordinary_step() const {
@@ -284,39 +283,33 @@ Explanations::Weights Explanations::fitted(const Solution& solution, const Equat
   return result;
 }
 
-// The variances of these equations, but larger ones where too few degrees of freedom are left: ordinary errors then
-// explain the noise of few rows, and nothing tells its size.
-OfStrata Explanations::with_freedom(const Equations& equations, const OfStrata& before) const {
-  OfStrata result = equations.weights.variance;
-  for (Index s = 0; s < result.size(); ++s) {
-    if (equations.freedom[s] < kFewestDegrees && result[s] < before[s]) {
-      result[s] = before[s];
+// The equations with these weights, but with the variances `before` where those leave too few degrees of freedom:
+// ordinary errors then explain the noise of few rows, and nothing tells its size.
+Explanations::Equations Explanations::with_freedom(const Weights& weights, const OfStrata& before) const {
+  Equations result = equations(weights);
+  Weights kept = weights;
+  for (Index s = 0; s < before.size(); ++s) {
+    if (result.freedom[s] < kFewestDegrees) {
+      kept.variance[s] = std::max(kept.variance[s], before[s]);
     }
   }
-  return result;
+  return (kept.variance != weights.variance).any() ? equations(kept) : result;
 }
 
 // The equations with the weights that follow from their own solution.
-Explanations::Equations Explanations::weighed(const AlternativeSums& sums, Weights weights) const {
+Explanations::Equations Explanations::weighed(const AlternativeSums& sums, Equations result) const {
   constexpr int kMostPasses = 20;
   constexpr double kSame = 0.03;
-  Equations result = equations(weights);
   for (int pass = 0; pass < kMostPasses; ++pass) {
+    const Weights weights = result.weights;
     Weights next = fitted(solution(sums, result), result);
     if (without_ != nullptr) {  // what an alternative explains is no noise, and no error of the arm
       next.variance = next.variance.min(without_->weights.variance);
       next.size = std::min(next.size, without_->weights.size);
     }
-    Equations with_next = equations(next);
-    if (const OfStrata kept = with_freedom(with_next, weights.variance); (kept != next.variance).any()) {
-      next.variance = kept;
-      with_next = equations(next);
-    }
-    const bool same = (next.variance / weights.variance).log().abs().maxCoeff() < kSame &&
-                      std::abs(std::log(next.size / weights.size)) < kSame;
-    weights = next;
-    result = std::move(with_next);
-    if (same) {
+    result = with_freedom(next, weights.variance);
+    if ((result.weights.variance / weights.variance).log().abs().maxCoeff() < kSame &&
+        std::abs(std::log(result.weights.size / weights.size)) < kSame) {
       break;
     }
   }
@@ -361,7 +354,7 @@ double Explanations::first_evidence(const AlternativeSums& sums) const {
 }
 
 Explained Explanations::explained(const AlternativeSums& sums, const AlternativeMotion& motion) const {
-  const Equations at = weighed(sums, without_->weights);
+  const Equations at = weighed(sums, *without_);
   const Solution found = solution(sums, at);
   const Solution without = solution(nothing(), at);
   Explained result{.estimate = found.estimate, .covariance = found.covariance};

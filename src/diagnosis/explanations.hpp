@@ -33,8 +33,8 @@ struct LinearisedFit {
   std::vector<RowStratum> strata;              ///< of the rows
   OfStrata coordinates = OfStrata::Zero();     ///< measured ones of each: the rows' degrees of freedom
   OfStrata least_variance = OfStrata::Zero();  ///< below it residuals are rounding
-  /// Of the result that is doubted, by its own degrees of freedom: that of rows of which too few are left beside what
-  /// is ordinary.
+  /// By the residuals and the degrees of freedom of the result that is doubted. They hold where ordinary errors leave
+  /// too few degrees of freedom.
   OfStrata doubted_variance = OfStrata::Zero();
   /// Ordinary 1 sigma of each column, some metres or radians for frames of which nothing is known; 0 holds a column.
   Eigen::VectorXd sizes;
@@ -121,8 +121,8 @@ private:
   struct Gain;
   Gain gain(const AlternativeSums& sums, const Equations& equations) const;
   Solution solution(const AlternativeSums& sums, const Equations& equations) const;
-  OfStrata with_freedom(const Equations& equations, const OfStrata& before) const;
-  Equations weighed(const AlternativeSums& sums, Weights weights) const;
+  Equations with_freedom(const Weights& weights, const OfStrata& before) const;
+  Equations weighed(const AlternativeSums& sums, Equations result) const;
   Weights fitted(const Solution& solution, const Equations& equations) const;
   double moved(const Eigen::VectorXd& before, const AlternativeMotion& motion, const Eigen::VectorXd& estimate) const;
 

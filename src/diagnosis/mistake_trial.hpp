@@ -25,7 +25,7 @@ struct MistakeTrial {
   double largest = std::numeric_limits<double>::infinity();  ///< estimate for which it is linear
   double least = 0.0;                                        ///< estimate that is not in the uncertainties already
   std::optional<std::string> alone = std::nullopt;           ///< label of the only configuration that it concerns
-  bool is_mistake = true;  ///< false: an arm that differs from ordinary ones; what explains less is none
+  bool is_mistake = true;  ///< false: an unusual arm. A mistake that explains less is not reported
 };
 
 /// The best of several trials by their first evidence, and how many there were.

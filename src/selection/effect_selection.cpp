@@ -35,8 +35,7 @@ using Eigen::Index;
 using Eigen::VectorXd;
 
 constexpr std::size_t kMostConfigurations = 2000;
-constexpr Index kEnoughForRadii = 40;  // their left-out errors show what the radii have to hold
-constexpr double kFlatTable = 5e-6;    // [m or rad]
+constexpr double kFlatTable = 5e-6;  // [m or rad]
 
 bool is_tables(const EffectOption& option) { return option.name == to_string(EffectGroup::tables); }
 bool is_gravity(const EffectOption& option) { return option.name == to_string(EffectGroup::gravity); }
@@ -157,7 +156,7 @@ public:
     result.noise = route.score.noise;
     tried.put_first(route.model.names, route.model.sized);
     result.tried = tried.options();
-    if (place_ == Place::outermost && options.effects.automatic && configurations() < kEnoughForRadii) {
+    if (place_ == Place::outermost && options.effects.automatic && std::cmp_less(configurations(), kEnoughForRadii)) {
       result.plausible = with_sag(route);
     }
     if (place_ == Place::outermost && options.effects.groups.empty()) {

@@ -48,6 +48,9 @@ struct NotTried {
   std::string why;
 };
 
+/// Left-out configurations from which their errors alone tell how wide the radii have to be.
+constexpr std::size_t kEnoughForRadii = 40;
+
 /// A model that may be true, with its estimate, linearised at that of geometry alone.
 struct PlausibleModel {
   ErrorModel model;

@@ -76,7 +76,7 @@ def test_messages_name_keywords(robot, tmp_path):
             kc.read_measurements(robot, named)
 
 
-def test_messages_name_the_structure_of_an_option(robot, measurements):
+def test_messages_name_the_structure_of_an_option(robot, measurements, found):
     for options, message in [
         ({"estimator": {"iterations": -1}}, "^estimator.iterations: from 0 to"),
         ({"noise": {"weights": "repeats"}}, "^noise.weights: noise by repeats needs"),
@@ -85,6 +85,10 @@ def test_messages_name_the_structure_of_an_option(robot, measurements):
         ({"validation": {"k_fold": 21}}, "^validation.k_fold: 21 folds of 20 fitted configurations, expected at most as many"),
         ({"validation": {"k_fold": 5, "held_out": False}}, "^validation.held_out: False beside"),
         ({"validation": {"leave_one_out": True, "held_out": False}}, "^validation.held_out: False beside"),
+        ({"validation": {"nested": True, "held_out": False}}, "^validation.held_out: False beside leave_one_out, nested or k_fold"),
+        ({"parameters": {"fix": ["*"]}}, "^parameters.fix: "),
+        ({"parameters": {"fix": ["Tx1"], "free": ["Tx1"]}}, "^parameters.free: "),
+        ({"parameters": {"keep_axes": "angles"}, "priors": {"earlier": found}}, "^parameters.keep_axes: "),
         ({"effects": {"groups": ["gain", "gravity", "gain"]}}, "^effects: gain is named twice, expected each group once"),
     ]:
         with pytest.raises(kc.InputError, match=message):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import kdl_calibration as kc
+from conftest import rows_of
 
 PLAIN = {"priors": {"automatic": False}, "effects": {"automatic": False}, "validation": {"held_out": False}}
 TILT = 1e-3  # [rad]
 HEIGHT = 0.67  # [m] of joint 1 in the URDF
+ON_ITS_SIDE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # a measuring device
 
 
 def twice(q):
@@ -44,10 +46,16 @@ def tilting(robot):
                                        configurations=rows["configuration"])  # fmt: skip
 
 
-def rows_of(m):
-    """Joint values and points of each row."""
-    place = {name: i for i, name in enumerate(m.configurations)}
-    return m.joint_values[[place[name] for name in m.observations["configuration"]]], m.observations["position"]
+@pytest.fixture(scope="module")
+def moved(robot, tilting):
+    """The tilt as displacements in the base frame."""
+    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
+
+    def displacements(q):
+        lever = nominal.flange_poses(q)[:, :3, 3]
+        return twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
+
+    return displacements
 
 
 def with_alternatives(robot, m, **alternatives):
@@ -83,35 +91,27 @@ def test_the_one_that_is_there_is_doubted(robot, tilting, tmp_path):
 
 def test_two_stations(robot, tilting):
     """The second one is turned and moved, so that displacements in the measuring frame would be others there."""
-    joints, points = rows_of(tilting)
-    turned = points @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) + [0.3, -2.0, 1.0]
-    names = tilting.observations["configuration"]
-    is_second = np.isin(names, tilting.configurations[::2])
-    m = kc.Measurements.from_arrays(joints, np.where(is_second[:, None], turned, points), configurations=names,
-                                    targets=tilting.observations["target"],
-                                    stations=np.where(is_second, "V", "W"))  # fmt: skip
+    rows = rows_of(tilting)
+    is_second = np.isin(rows["configurations"], tilting.configurations[::2])
+    turned = rows["points"] @ ON_ITS_SIDE + [0.3, -2.0, 1.0]
+    rows["points"] = np.where(is_second[:, None], turned, rows["points"])
+    m = kc.Measurements.from_arrays(**rows, stations=np.where(is_second, "V", "W"))
     found = with_alternatives(robot, m, tilt=TILTING)
     (doubt,) = about(found.doubts, "tilt")
     assert abs(doubt.figures["estimate"] - TILT) < 3.5 * doubt.figures["estimate_sigma"] < 0.1 * TILT
 
 
-def test_distances(robot, tilting, tmp_path):
+def test_distances(robot, tilting, moved, tmp_path):
     """Of the same points from six anchors, read from a file."""
-    joints, points = rows_of(tilting)
+    rows = rows_of(tilting)
     anchors = np.array([[3.0, 0, 0], [0, 3.0, 0], [-3.0, 0, 1.0], [0, -3.0, 2.0], [2.0, 2.0, 3.0], [-2.0, 2.0, 0.5]])
     lines = ["configuration,target,repeat," + ",".join(f"joint_{i}[rad]" for i in range(1, 7)) + ",x[m],y[m],z[m],distance[m]"]
-    for row, q, point in zip(tilting.observations, joints, points):
+    for row, q, point in zip(tilting.observations, rows["joints"], rows["points"]):
         for i, anchor in enumerate(anchors):
             numbers = [*q, *anchor, np.linalg.norm(point - anchor)]
             lines.append(f"{row['configuration']},{row['target']},{i + 1}," + ",".join(f"{x:.17g}" for x in numbers))
     (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
     m = kc.read_measurements(robot, tmp_path / "m.csv")
-    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
-
-    def moved(q):
-        lever = nominal.flange_poses(q)[:, :3, 3]
-        return twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
-
     for tilt in (TILTING, {"function": moved, "frame": "base"}):
         found = with_alternatives(robot, m, tilt=tilt)
         (doubt,) = about(found.doubts, "tilt")
@@ -127,14 +127,8 @@ def test_what_is_not_there_is_a_remark(robot, measurements):
     assert not about(found.doubts, "tilt")
 
 
-def test_the_frame_of_displacements(robot, tilting):
+def test_the_frame_of_displacements(robot, tilting, moved):
     """A tilt as displacements in the base frame is the same; in the measuring frame another one."""
-    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
-
-    def moved(q):
-        lever = nominal.flange_poses(q)[:, :3, 3]
-        return twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
-
     in_base = with_alternatives(robot, tilting, tilt={"function": moved, "frame": "base"})
     (doubt,) = about(in_base.doubts, "tilt")
     assert abs(doubt.figures["estimate"] - TILT) < 0.1 * TILT
@@ -143,19 +137,10 @@ def test_the_frame_of_displacements(robot, tilting):
     assert other.figures["moves"] != doubt.figures["moves"]
 
 
-def test_columns_in_the_base_frame_move_points_each_by_its_own(robot, tilting):
+def test_columns_in_the_base_frame_move_points_each_by_its_own(robot, tilting, moved):
     """A tilt in its two coordinates moves predictions as the tilt does."""
-    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
-
-    def moved(q):
-        lever = nominal.flange_poses(q)[:, :3, 3]
-        return twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
-
-    def in_coordinates(q):
-        return moved(q)[:, None, :] * np.eye(3)[1:]
-
     figures = []
-    for function in (moved, in_coordinates):
+    for function in (moved, lambda q: moved(q)[:, None, :] * np.eye(3)[1:]):
         found = with_alternatives(robot, tilting, tilt={"function": function, "frame": "base"})
         (said,) = about([*found.doubts, *found.remarks], "tilt")
         figures.append(said.figures)
@@ -164,20 +149,11 @@ def test_columns_in_the_base_frame_move_points_each_by_its_own(robot, tilting):
     assert figures[1]["estimate_2"] == pytest.approx(TILT, rel=0.15)
 
 
-def test_columns_in_the_base_frame_turn_with_the_measuring_frame(robot, tilting):
+def test_columns_in_the_base_frame_turn_with_the_measuring_frame(robot, tilting, moved):
     """All points seen from a device that lies on its side."""
-    nominal = kc.calibrate(robot, tilting, diagnosis={"try_readings": False}, **PLAIN)
-    joints, points = rows_of(tilting)
-    turned = points @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-
-    def in_coordinates(q):
-        lever = nominal.flange_poses(q)[:, :3, 3]
-        moved = twice(q)[:, None] * np.column_stack([0.0 * lever[:, 0], HEIGHT - lever[:, 2], lever[:, 1]])
-        return moved[:, None, :] * np.eye(3)[1:]
-
-    m = kc.Measurements.from_arrays(joints, turned, configurations=tilting.observations["configuration"],
-                                    targets=tilting.observations["target"])  # fmt: skip
-    found = with_alternatives(robot, m, tilt={"function": in_coordinates, "frame": "base"})
+    rows = rows_of(tilting)
+    m = kc.Measurements.from_arrays(**{**rows, "points": rows["points"] @ ON_ITS_SIDE})
+    found = with_alternatives(robot, m, tilt={"function": lambda q: moved(q)[:, None, :] * np.eye(3)[1:], "frame": "base"})
     (said,) = about([*found.doubts, *found.remarks], "tilt")
     assert said.figures["estimate_1"] == pytest.approx(TILT, rel=0.15)
     assert said.figures["estimate_2"] == pytest.approx(TILT, rel=0.15)
@@ -215,6 +191,10 @@ def test_what_a_function_does_wrong_is_told_in_one_line(robot, tilting):
         ({"function": broken, "joint": "joint_1"}, kc.InputError, where + " raised KeyError"),
         ({"function": lambda q: q[:3, :3]}, kc.InputError, "^diagnosis.alternatives: any gives 3 rows"),
         ({"function": lambda q: q[:, :2]}, kc.InputError, where + r": an array of shape \(40, 2\), expected displacements"),
+        ({"function": lambda q: q[:, :4]}, kc.InputError, where + r": an array of shape \(40, 4\), expected displacements"),
+        ({"function": lambda q: astray(q)[:, :, :2]}, kc.InputError, r": an array of shape \(40, 2, 2\), expected displacements"),
+        ({"function": lambda q: q[:, None, :4] * np.ones((2, 1))}, kc.InputError,
+         r": an array of shape \(40, 2, 4\), expected displacements"),
         ({"function": twice}, kc.InputError, where + r": an array of shape \(40,\), expected displacements \(N, 3\)"),
         ({"function": lambda q: q[:, :3] * np.nan}, kc.InputError, "^diagnosis.alternatives: any gives a value that is not"),
         ({"function": lambda q: q[:, :3] * np.inf}, kc.InputError, "any gives a value that is not finite at joint values"),
