@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "base/degree.hpp"
 #include "base/text.hpp"
 #include "diagnosis/point_trial.hpp"
 #include "measurements/readings.hpp"
@@ -215,18 +216,19 @@ void try_joints(const OrdinaryFit& fit, const Explanations& explanations, std::v
 
 void try_stated_frames(const OrdinaryFit& fit, const Explanations& explanations, std::vector<MistakeFamily>& families) {
   MistakeFamily stated;
-  const auto off = [](const std::string& what) {
-    return [=](const Explained& found) {
-      return fmt::format("{} {} from where it was stated", what, said_length(found.estimate.head<3>().norm()));
-    };
-  };
-  for (std::size_t station = 0; station < fit.model().stations.size(); ++station) {
-    if (find_base(fit.known().bases, fit.model().stations[station]) != nullptr) {
+  const std::vector<std::string>& stations = fit.model().stations;
+  for (std::size_t station = 0; station < stations.size(); ++station) {
+    if (find_base(fit.known().bases, stations[station]) != nullptr) {
       stated.add(explanations, explanations.sums(fit.linear().jacobian * fit.of_base(station)), [&] {
+        const std::string of_station = stations.size() > 1 ? " of station " + shown(stations[station]) : "";
         return MistakeTrial{.cause = Cause::known_base,
-                            .subject = "the known base",
-                            .subjects = {{SubjectKind::station, fit.model().stations[station]}},
-                            .words = off("the known base")};
+                            .subject = "the known base" + of_station,
+                            .subjects = {{SubjectKind::station, stations[station]}},
+                            .words = [of_station](const Explained& found) {
+                              return fmt::format("the known base{} {} and {:.3g} degrees from where it was stated",
+                                                 of_station, said_length(found.estimate.head<3>().norm()),
+                                                 found.estimate.tail<3>().norm() / kDegree);
+                            }};
       });
     }
   }
@@ -237,7 +239,10 @@ void try_stated_frames(const OrdinaryFit& fit, const Explanations& explanations,
         return MistakeTrial{.cause = Cause::known_target,
                             .subject = "stated target " + shown(name),
                             .subjects = {{SubjectKind::target, name}},
-                            .words = off("target " + shown(name))};
+                            .words = [&name](const Explained& found) {
+                              return fmt::format("target {} {} from where it was stated", shown(name),
+                                                 said_length(found.estimate.norm()));
+                            }};
       });
     }
   }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <regex>
 #include <string>
 #include <utility>
 #include <vector>
@@ -459,6 +460,47 @@ TEST(LikelyMistake, OfOneStationIsNamed) {
     EXPECT_EQ(found.doubts()[0].cause, Cause::scale) << found.doubts()[0].message;
     EXPECT_THAT(found.doubts()[0].message,
                 HasSubstr("lengths of station '" + wrong.stations[static_cast<std::size_t>(way.station)] + "' 1.0"));
+  }
+}
+
+struct FrameOff {
+  std::string words;  // with its figures in brackets
+  Vector3d shift;     // [m] in the frame
+  Vector3d turn;      // [rad]
+};
+
+// The base of one of two stations by its shift and its turn about its own origin, a target by its shift.
+TEST(LikelyMistake, OfAStatedFrameIsNamedByHowFarItIsOff) {
+  const std::string of_base = "the known base of station 'S2' (\\S+) mm and (\\S+) degrees from where it was stated";
+  const std::string of_target = "target 'B' (\\S+) mm from where it was stated";
+  const std::vector<FrameOff> cases = {{of_base, {0.004, -0.003, 0.0}, Vector3d::Zero()},
+                                       {of_base, Vector3d::Zero(), {0.0, 0.003, -0.004}},
+                                       {of_base, {0.0, 0.0, 0.002}, {0.006, 0.0, 0.0}},
+                                       {of_target, {0.0, 0.003, 0.004}, Vector3d::Zero()}};
+  testing::Tracker tracker(3, 2);
+  const Measurements measurements = tracker.measured(40, 3e-5);
+  const Frames& truth = tracker.robot.truth.frames;
+  for (const FrameOff& off : cases) {
+    CalibrationOptions options = testing::geometry_alone();
+    options.diagnosis.try_readings = true;
+    KnownFrames& known = options.parameters.known;
+    known = {.bases = {{"S1", truth.bases[0]}, {"S2", truth.bases[1]}}, .targets = truth.targets};
+    if (off.words == of_base) {
+      Eigen::Isometry3d& stated = known.bases[1].X_WB;
+      stated.translation() -= stated.linear() * off.shift;
+      stated.linear() = stated.linear() * rotation_exp(-off.turn);
+    } else {
+      known.targets[1].X_FT.translation() -= off.shift;
+    }
+    const Calibration found = calibrate(testing::bundled_robot(), measurements, options);
+    ASSERT_FALSE(found.trusted()) << off.words;
+    const std::string message = found.doubts().front().message;
+    std::smatch said;
+    ASSERT_TRUE(std::regex_search(message, said, std::regex(off.words))) << message;
+    EXPECT_NEAR(std::stod(said[1]), 1e3 * off.shift.norm(), 0.1) << message;
+    if (off.words == of_base) {
+      EXPECT_NEAR(std::stod(said[2]), off.turn.norm() / testing::kDegree, 0.01) << message;
+    }
   }
 }
 
