@@ -127,7 +127,8 @@ struct AskedPoint {
 struct MeasuredRegion {
   /// The radii's factor: the smallest one for which 95 % of n + 1 held-out configurations lie within the radii
   /// predicted without them (conformal prediction, Lei et al. 2018; each counts with the share of its targets). Below
-  /// 40 configurations it is the optimism of the model selection.
+  /// 40 configurations it is the optimism of the model selection, times the RMS ratio of the errors of left-out points
+  /// to their predicted 1 sigma if that is above 1.
   double radius_factor = 1.0;
   double largest_variance = 0.0;  ///< [m^2] trace of the covariance of a held-out point by the parameters
   JointRanges joints;             ///< of the training rows, and 5 % beyond on both sides

@@ -37,21 +37,46 @@ NewPoint new_point(const PointPrediction& prediction, const NewPointNoise& noise
   sum.diagonal().array() += model.misfit * model.misfit + model.target_misfit * model.target_misfit;
   const double s2 = sum.trace();
   if (!std::isfinite(s2)) {
-    return {.radius_95 = std::numeric_limits<double>::infinity(), .degrees_of_freedom = noise.degrees_of_freedom};
+    return {.sigma = std::numeric_limits<double>::infinity(),
+            .radius_95 = std::numeric_limits<double>::infinity(),
+            .degrees_of_freedom = noise.degrees_of_freedom};
   }
   const double k = s2 > 0.0 ? s2 * s2 / sum.cwiseAbs2().sum() : 3.0;
-  return {.radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(noise.degrees_of_freedom, 1.0))),
+  return {.sigma = std::sqrt(s2),
+          .radius_95 = std::sqrt(s2 * f_critical(0.05, k, std::max(noise.degrees_of_freedom, 1.0))),
           .degrees_of_freedom = noise.degrees_of_freedom};
 }
+
+namespace {
+
+NewPoint left_out_point(const HeldOutPoint& point, const NewPointNoise& noise) {
+  return new_point(
+      {.covariance = point.covariance, .place = point.measured, .repeats = point.repeats, .noise = point.noise}, noise);
+}
+
+// The errors of left-out points over their predicted 1 sigma, RMS over the configurations.
+double left_out_scatter(const std::vector<HeldOutPoint>& held_out, const NewPointNoise& noise) {
+  std::map<std::int32_t, std::pair<double, double>> sums;  // of squares, and how many
+  for (const HeldOutPoint& point : held_out) {
+    const double sigma = left_out_point(point, noise).sigma;
+    auto& [squares, count] = sums[point.configuration];
+    squares += sigma > 0.0 ? point.residual.squaredNorm() / (sigma * sigma) : 0.0;
+    count += 1.0;
+  }
+  double sum = 0.0;
+  for (const auto& [configuration, own] : sums) {
+    sum += own.first / own.second;
+  }
+  return sums.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(sums.size()));
+}
+
+}  // namespace
 
 std::map<std::int32_t, std::vector<double>> left_out_ratios(const std::vector<HeldOutPoint>& held_out,
                                                             const NewPointNoise& noise) {
   std::map<std::int32_t, std::vector<double>> ratios;
   for (const HeldOutPoint& point : held_out) {
-    const PointPrediction prediction{
-        .covariance = point.covariance, .place = point.measured, .repeats = point.repeats, .noise = point.noise};
-    const double radius = new_point(prediction, noise).radius_95;
-    ratios[point.configuration].push_back(point.residual.norm() / radius);
+    ratios[point.configuration].push_back(point.residual.norm() / left_out_point(point, noise).radius_95);
   }
   return ratios;
 }
@@ -92,7 +117,7 @@ MeasuredRegion measured_region(const Measurements& measurements, const std::vect
     }
   }
   if (ratios.size() < kEnoughForRadii) {
-    region.radius_factor = optimism;
+    region.radius_factor = optimism * std::max(left_out_scatter(held_out, new_point_noise(noise)), 1.0);
     return region;
   }
   std::sort(shares.begin(), shares.end());

@@ -13,6 +13,7 @@ namespace kdl_calibration {
 
 /// A future measurement of the same kind as the existing ones.
 struct NewPoint {
+  double sigma = 0.0;               ///< [m] 3D 1 sigma of its distance from the prediction
   double radius_95 = 0.0;           ///< [m] of the sphere about the prediction; infinite if not determined
   double degrees_of_freedom = 0.0;  ///< of the variance of a single point
 };

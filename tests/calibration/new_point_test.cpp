@@ -172,11 +172,34 @@ TEST(MeasuredRegion, CountsEachTargetAsItsShareOfTheConfiguration) {
 }
 
 TEST(MeasuredRegion, OfFewConfigurationsPaysForTheOptimismOfSelection) {
-  const std::vector<std::vector<double>> few(39, {0.5, 0.7});
+  const std::vector<std::vector<double>> few(39, {0.2, 0.3});
   const std::vector<std::vector<double>> enough(40, {0.5, 0.7});
   EXPECT_EQ(factor_of(few), 1.23);
   EXPECT_NEAR(factor_of(enough), 0.7, 1e-9);
   EXPECT_EQ(factor_of({}), 1.23);
+}
+
+// And for errors of left-out points that are larger than predicted: the root of the mean square of their ratio to 1
+// sigma, each configuration with the same weight. Smaller errors narrow nothing.
+TEST(MeasuredRegion, OfFewConfigurationsIsNotContradictedByLeftOutErrors) {
+  const Matrix3d point = diagonal({2e-5, 3e-5, 4e-5}) + diagonal({5e-5, 1e-5, 6e-5});
+  const Matrix3d misfit = (7e-5 * 7e-5 + 3e-5 * 3e-5) * Matrix3d::Identity();
+  const std::vector<std::vector<double>> times = {{1.0, 3.0}, {2.0}, {0.0, 0.0, 0.0}};  // mean square 3
+  for (const double size : {1.0, 0.5}) {
+    std::vector<HeldOutPoint> points;
+    for (std::int32_t c = 0; c < 39; ++c) {
+      for (const double sigmas : times[static_cast<std::size_t>(c % 3)]) {
+        HeldOutPoint& one = points.emplace_back();
+        one.configuration = c;
+        one.covariance = (1.0 + c) * some_covariance();
+        one.repeats = 2.0;
+        const double sigma = std::sqrt((one.covariance + 2.5 / 2.0 * point + misfit).trace());
+        one.residual = size * sigmas * sigma * Vector3d(0.0, 0.6, 0.8);
+      }
+    }
+    const MeasuredRegion region = measured_region(measured_at(Eigen::MatrixXd::Zero(1, 1)), points, some_noise(), 1.1);
+    EXPECT_NEAR(region.radius_factor, 1.1 * std::max(size * std::sqrt(3.0), 1.0), 1e-12) << size;
+  }
 }
 
 TEST(MeasuredRegion, ReachesFivePercentBeyondTheJointValuesAndAsFarAsTheParametersAreKnown) {
