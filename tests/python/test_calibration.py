@@ -11,6 +11,8 @@ import kdl_calibration as kc
 from conftest import KDLCAL, URDF_DIR, rows_of
 
 PLAIN = {"priors": {"automatic": False}, "effects": {"automatic": False}}
+MOVED = np.eye(4)
+MOVED[:3, 3] = 0.1, 0.0, 0.2
 
 
 def test_version_is_that_of_the_program(found):
@@ -128,6 +130,9 @@ def test_as_many_folds_as_configurations_leave_each_out_once(robot, measurements
         ({"noise": {"stated": {"independent": [1.0, 2.0]}}}, kc.InputError, "independent: an array of shape"),
         ({"parameters": {"fix": ["Q*"]}}, kc.InputError, "Q"),
         ({"parameters": {"known": {"bases": {"W": 2.0 * np.eye(4)}}}}, kc.InputError, "no rotation and translation"),
+        ({"parameters": {"known": {"bases": {"W": MOVED.T}}}}, kc.InputError, "no rotation and translation"),
+        ({"parameters": {"known": {"targets": {"A": MOVED.T}}}}, kc.InputError, "no rotation and translation"),
+        ({"parameters": {"known": {"bases": {"W": np.diag([1.0, 1.0, -1.0, 1.0])}}}}, kc.InputError, "no rotation and"),
     ],
 )
 def test_bad_options(robot, measurements, options, kind, message):

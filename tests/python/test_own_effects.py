@@ -200,6 +200,21 @@ def test_one_call_for_each_evaluation_of_an_arm(robot, yielding):
     np.testing.assert_allclose(jacobian[0, :3].T, difference / 2e-5, atol=1e-7)
 
 
+def test_the_arm_adds_the_columns_of_a_function(robot, yielding):
+    """Predictions and poses of the flange are of one arm: the target stays where it is in the flange frame."""
+
+    def pair(q):
+        return np.column_stack([np.sin(3.0 * q[:, 1]), q[:, 2] * q[:, 1]])
+
+    found = kc.calibrate(robot, yielding, effects={"own": {"pair": {"joint": "joint_2", "function": pair}},
+                                                   "automatic": False}, **PLAIN)  # fmt: skip
+    q = yielding.joint_values[:5]
+    X = found.flange_poses(q)
+    offset = found.predict(q, "A").position - X[:, :3, 3]
+    in_flange = np.einsum("nji,nj->ni", X[:, :3, :3], offset)
+    np.testing.assert_allclose(in_flange, in_flange[[0] * 5], rtol=0, atol=1e-12)
+
+
 def test_own_is_as_it_was_given(robot, yielding):
     given = with_own(wave=wave)
     found = kc.calibrate(robot, yielding, **given)
