@@ -20,6 +20,7 @@
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/plan_command.hpp"
 #include "cli/pose_ways.hpp"
 #include "cli/progress.hpp"
 #include "cli/report_pages.hpp"
@@ -31,6 +32,9 @@
 #include "kdl_calibration/orientation_reading.hpp"
 #include "kdl_calibration/result_file.hpp"
 #include "measurements/program_file.hpp"
+#include "model/parameters.hpp"
+#include "programs/controller.hpp"
+#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -71,9 +75,15 @@ void require_not_compensated(const std::string& file) {
   }
 }
 
-ControllerFrames frames_of(const CompensateArguments& arguments) {
+// User and tool frame of the poses: those of the file, else world and faceplate of the controller, else base and
+// flange.
+ControllerFrames frames_of(const CompensateArguments& arguments, const std::optional<Controller>& controller) {
   if (arguments.frames.empty()) {
-    return {};
+    return controller ? ControllerFrames{.X_BU = controller->X_BW, .X_FT = controller->X_FP, .found_with = {}}
+                      : ControllerFrames();
+  }
+  if (controller) {
+    throw InputError("--controller: its world and faceplate are the frames of --poses, expected no --frames");
   }
   ControllerFrames frames = controller_frames_of(read_json(arguments.frames), arguments.frames);
   warn_if_found_with_another(frames.found_with, arguments.frames, arguments.result);
@@ -99,10 +109,46 @@ std::vector<std::string> other_notes(const CompensateArguments& arguments) {
   return result;
 }
 
+// Joint values of a file of poses that stand elsewhere than its poses: nobody knows which of the two is meant.
+class Contradictions {
+public:
+  explicit Contradictions(const Robot& robot) : far_(0.2 * reach(complete_model(robot))) {}
+
+  // `asked` and `stated`: X_BF of the row's pose, and of its joint values.
+  void add(const Eigen::Isometry3d& asked, const Eigen::Isometry3d& stated, const std::function<std::string()>& label) {
+    constexpr double kTurned = 45.0 * kDegree;  // more than roughly stated joint values are off by
+    ++rows_;
+    const double distance = (stated.translation() - asked.translation()).norm();
+    const double angle = Eigen::AngleAxisd(asked.linear().transpose() * stated.linear()).angle();
+    if (distance < far_ && angle < kTurned) {
+      return;
+    }
+    if (count_++ == 0) {
+      first_ = fmt::format("{}: {:.3g} m and {:.3g} degrees", shown(label()), distance, angle / kDegree);
+    }
+  }
+  /// Empty if there are none.
+  std::string words(const std::string& file) const {
+    return count_ == 0 ? std::string()
+                       : fmt::format(
+                             "{}: in {} of {} rows the joint values stand elsewhere than the pose, first {}; "
+                             "are frames (--frames, --controller), joints (--joint-convention) and angles "
+                             "(--orientation) right?",
+                             file, count_, rows_, first_);
+  }
+
+private:
+  double far_;  // [m]
+  std::size_t rows_ = 0;
+  std::size_t count_ = 0;
+  std::string first_;
+};
+
 // The rows of a program that are in memory at a time, and what becomes of them.
 struct Piece {
   std::vector<ProgramLine> lines;
-  std::vector<Eigen::Isometry3d> asked;  // flange poses in the base
+  std::vector<Eigen::Isometry3d> asked;   // flange poses in the base
+  std::vector<Eigen::Isometry3d> stated;  // those of the joint values beside poses; else none
   std::vector<CompensatedPoint> points;
   std::vector<double> corrections;     // [m] of the flange
   std::vector<std::string> texts;      // of each block
@@ -112,22 +158,24 @@ struct Piece {
 /// Reads a program, and writes the commands for it.
 class Compensation {
 public:
-  Compensation(const CompensateArguments& arguments, const Robot& robot, const JointConvention* convention)
+  Compensation(const CompensateArguments& arguments, const Robot& robot, const JointConvention* convention,
+               const std::optional<Controller>& controller)
       : arguments_(arguments),
         calibration_(at_circumstances(load_calibration(arguments.result, robot), arguments.circumstances)),
         compensator_(calibration_,
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
-        frames_(frames_of(arguments)),
+        frames_(frames_of(arguments, controller)),
         program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses,
                  orientation_reading(arguments.orientation)),
         ways_(robot, compensator_),
         summary_(robot, calibration_.arm()),
+        contradictions_(robot),
         warnings_(other_notes(arguments)) {
     if (!arguments.near.empty()) {
-      previous_ = joint_values(robot, {.joints = arguments.near,
-                                       .joint_convention = arguments.joint_convention,
-                                       .degrees = true,
-                                       .option = "--near"});
+      const std::vector<std::string> joints = independent_joint_names(robot.joints);
+      previous_ =
+          joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"},
+                       convention == nullptr ? std::nullopt : std::optional(matched_convention(*convention, joints)));
     }
   }
 
@@ -148,6 +196,9 @@ public:
         predicted_ += text;
       }
       const PointLabel label = label_of(piece, summary_.points());
+      for (std::size_t i = 0; i < piece.stated.size(); ++i) {
+        contradictions_.add(piece.asked[i], piece.stated[i], [&] { return label(i); });
+      }
       summary_.add(piece.points, piece.corrections, label);
       if (arguments_.linear) {
         add_lines(piece, label);
@@ -164,6 +215,9 @@ public:
   std::string orientations() const { return arguments_.poses.empty() ? "" : program_.orientations(); }
   /// Why the commands may be wrong although each point is exact; empty if they are not.
   std::string doubt() const {
+    if (std::string words = contradictions_.words(file()); !words.empty()) {
+      return words;
+    }
     if (!depends_on_way()) {
       return {};
     }
@@ -198,6 +252,7 @@ private:
     piece.asked.resize(piece.lines.size());
     piece.points.resize(piece.lines.size());
     piece.corrections.resize(piece.lines.size());
+    piece.stated.resize(!arguments_.poses.empty() && program_.states_joints() ? piece.lines.size() : 0);
     piece.texts.resize((piece.lines.size() + kBlock - 1) / kBlock);
     piece.predicted.resize(piece.texts.size());
     // Without joint values each row starts from the previous one.
@@ -223,6 +278,9 @@ private:
         point = compensator_.solve(program.joint_values.col(column));
       } else {
         asked = frames_.X_BU * program.poses[i] * frames_.X_FT.inverse();
+        if (program_.states_joints()) {
+          piece.stated[begin + i] = compensator_.nominal_pose(program.joint_values.col(column));
+        }
         point = program_.states_joints()
                     ? compensator_.solve(asked, program.joint_values.col(column))
                     : near_previous(asked, [&] { return label_of(piece, summary_.points())(begin + i); });
@@ -302,6 +360,7 @@ private:
   ProgramFile program_;
   PoseWays ways_;
   CompensationSummary summary_;
+  Contradictions contradictions_;
   std::vector<std::string> warnings_;
   std::string predicted_{kPredictionHeader};
   CompensatedJoints previous_;
@@ -316,6 +375,7 @@ std::string page_of(const CompensateArguments& arguments, const Robot& robot, co
                                                  {"joints", arguments.joints},
                                                  {"poses", arguments.poses},
                                                  {"frames", arguments.frames},
+                                                 {"controller", arguments.controller},
                                                  {"joint-convention", arguments.joint_convention}}),
                                      compensation.warnings());
 }
@@ -344,6 +404,7 @@ ExitStatus run(const CompensateArguments& arguments) {
   if (std::count(given.begin(), given.end(), true) != 1) {
     throw InputError("expected one of --joints, --poses and --program");
   }
+  warn_of_other_convention(arguments.result, arguments.joint_convention);
   if (!arguments.program.empty()) {
     return compensate_program(of_program(arguments), load(arguments.robot));
   }
@@ -353,8 +414,12 @@ ExitStatus run(const CompensateArguments& arguments) {
                                                  {.option = "--report", .path = arguments.report}});
   require_writable(files, arguments.force);
   require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
-  const std::optional<JointConvention> convention = convention_of(arguments.joint_convention);
-  Compensation compensation(arguments, robot, convention ? &*convention : nullptr);
+  const std::optional<Controller> controller =
+      arguments.controller.empty() ? std::nullopt : std::optional(read_controller(arguments.controller));
+  const std::optional<JointConvention> convention = arguments.joint_convention.empty() && controller
+                                                        ? controller->convention
+                                                        : convention_of(arguments.joint_convention);
+  Compensation compensation(arguments, robot, convention ? &*convention : nullptr, controller);
   // Files are written one after the other: the program first, and all else is known then.
   for (OutputFile& file : files) {
     file.pieces = [&](const TextSink& sink) {
@@ -374,8 +439,9 @@ ExitStatus run(const CompensateArguments& arguments) {
       json["read"] = orientations.empty() ? Json() : Json(orientations);
       return json_text(json);
     }
-    const bool of_links = !arguments.poses.empty() && arguments.frames.empty();
-    return (of_links ? "poses of " + robot.tip + " in " + robot.base + ", as no --frames are given\n" : "") +
+    const bool of_links = !arguments.poses.empty() && arguments.frames.empty() && !controller;
+    return (of_links ? "poses of " + robot.tip + " in " + robot.base + ", as no --frames or --controller are given\n"
+                     : "") +
            (orientations.empty() ? "" : "read: " + orientations + "\n") + compensation.summary().table();
   });
   if (const std::string doubt = compensation.doubt(); !doubt.empty()) {
@@ -426,9 +492,9 @@ Subcommand add_compensate(CLI::App& parser) {
   CLI::Option* program =
       add_file(*app, "--program", arguments->program, "A program as text: its language is told from the text");
   add_file(*app, "--controller", arguments->controller,
-           "Joint convention, world frame and faceplate for --program (JSON) [joints of the URDF, its links base and "
-           "tool0; FANUC: those of the R-2000iC/165F]")
-      ->needs(program);
+           "Joint convention, world frame and faceplate (JSON) [joints of the URDF; of --program its links base and "
+           "tool0, FANUC: those of the R-2000iC/165F; of --poses base and flange]")
+      ->excludes(joints);
   add_list(
       *app, "--external-axis", arguments->external_axes,
       "External axis of --program and the joint of the URDF that it is, such as a rail before the arm (-JOINT where "

@@ -377,7 +377,11 @@ void add_arm_at_joints(CLI::App& app, ArmAtJoints& arguments) {
 }
 
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments) {
-  const std::optional<JointConvention> convention = convention_of(arguments.joint_convention, robot);
+  return joint_values(robot, arguments, convention_of(arguments.joint_convention, robot));
+}
+
+Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments,
+                             const std::optional<JointConvention>& convention) {
   Eigen::VectorXd q = given_values(robot, arguments, convention ? &*convention : nullptr);
   if (convention) {
     q = convention->matrix * q + convention->offset;

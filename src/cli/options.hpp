@@ -100,6 +100,9 @@ void add_joint_options(CLI::App& app, JointArguments& arguments);
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value);
 /// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
+/// The same in this convention, for the robot's joints in their order, whatever the arguments name.
+Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments,
+                             const std::optional<JointConvention>& convention);
 
 /// The joint convention in a file; empty if `file` is. With a robot its columns are in the order of the URDF's joints.
 std::optional<JointConvention> convention_of(const std::string& file);

@@ -4,6 +4,7 @@
 
 #include "base/sha256.hpp"
 #include "cli/planned_cell.hpp"
+#include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration::cli {
@@ -54,6 +55,25 @@ void require_same_input(const Json& result, const std::string& source, const std
   }
 }
 
+void warn_of_other_convention(const std::string& source, const std::string& path) {
+  if (source.empty() || path.empty()) {
+    return;
+  }
+  const std::optional<std::string> hash = hash_of_input(read_json(source), "joint-convention");
+  if (hash && sha256_of_file(path) != *hash) {
+    warn("--joint-convention: " + source + " was made with another one than '" + path +
+         "'; are these joint values counted as that says?");
+  }
+}
+
+void require_after_entry(const Json& result, const std::string& source, const std::string& measurements) {
+  if (result.is_object() && result.contains("mastering_entered") &&
+      hash_of_input(result, "measurements") == sha256_of_file(measurements)) {
+    throw InputError("--measurements: were taken before the mastering of " + source +
+                     " was entered, expected others, or the result before the entry");
+  }
+}
+
 std::string shell_word(const std::string& text) {
   constexpr std::string_view kPlain = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./+=:@%,-";
   if (!text.empty() && text.find_first_not_of(kPlain) == std::string::npos) {
@@ -96,7 +116,7 @@ std::string reading_and_cell(const Json& result) {
     const std::string value = text_at(stated, option);
     options += value.empty() ? "" : " " + std::string(option) + " " + shell_word(value);
   }
-  const std::string cell = cell_in(text_at(provenance, "planned_cell"));
+  const std::string cell = planned_cell_of(result);
   return options + (cell.empty() ? "" : " " + cell);
 }
 
@@ -117,8 +137,9 @@ std::string apply_command(const Json& result, const std::string& file) {
   if (!result.is_object() || !result.contains("input") || !result.contains("joint_offsets")) {
     return {};
   }
+  const std::string entered = result.contains("mastering_entered") ? "entered_again" : "entered";
   return "kdlcal apply --result " + shell_word(file.empty() ? "result.json" : file) + robot_options(result) +
-         " --mastering-entered entered.csv --output entered.json --output-urdf entered.urdf";
+         " --mastering-entered " + entered + ".csv --output " + entered + ".json --output-urdf " + entered + ".urdf";
 }
 
 }  // namespace kdl_calibration::cli

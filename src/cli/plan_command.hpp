@@ -18,6 +18,13 @@ std::optional<std::string> hash_of_input(const Json& result, const std::string& 
 void require_same_input(const Json& result, const std::string& source, const std::string& role,
                         const std::string& path);
 
+/// Throws InputError if the result in the file `source` is one after its mastering was entered, and these are the
+/// measurements from before.
+void require_after_entry(const Json& result, const std::string& source, const std::string& measurements);
+
+/// Warns if the result in the file `source` was made with another joint convention than that at `path` (empty: none).
+void warn_of_other_convention(const std::string& source, const std::string& path);
+
 /// The text quoted as one word for a POSIX shell.
 std::string shell_word(const std::string& text);
 

@@ -89,6 +89,11 @@ std::string planned_cell_of(const MeasurementArguments& arguments) {
   return own.empty() && !arguments.joints_file.empty() ? planned_cell(arguments.joints_file) : own;
 }
 
+std::string planned_cell_of(const Json& result) {
+  return result.is_object() && result.contains("provenance") ? cell_in(text_at(result["provenance"], "planned_cell"))
+                                                             : std::string();
+}
+
 std::string places_note(const PlaceArguments& arguments) {
   return std::string(kPlaces) + (arguments.sockets.empty() ? arguments.directions : kTouches);
 }

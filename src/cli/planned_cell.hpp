@@ -3,6 +3,7 @@
 #include <string>
 
 #include "cli/cell_options.hpp"
+#include "cli/frames.hpp"
 #include "cli/measurement_options.hpp"
 #include "cli/simulate_arguments.hpp"
 
@@ -21,6 +22,9 @@ std::string planned_cell(const std::string& file);
 
 /// That of the measurements' file, else that of the joint values.
 std::string planned_cell_of(const MeasurementArguments& arguments);
+
+/// That of the plan whose measurements a result was made with.
+std::string planned_cell_of(const Json& result);
 
 /// What a plan measures of its points: the directions of --directions, or kTouches.
 inline constexpr const char* kTouches = "touches";

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -18,6 +19,8 @@
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/plan_command.hpp"
+#include "cli/robot_controller.hpp"
 #include "cli/subcommands.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -209,8 +212,25 @@ std::string rows(const PendantFrame& frame) {
          (frame.target.empty() ? "" : frame.name() + ": target " + frame.target + "\n");
 }
 
-std::string table(const TouchedFrames& found, const std::vector<PendantFrame>& frames) {
-  std::string text = "frame                              x           y           z   std x     std y     std z\n";
+constexpr std::string_view kHead =
+    "frame                              x           y           z   std x     std y     std z\n";
+
+// What to type.
+std::string pendant_table(const std::vector<PendantFrame>& frames) {
+  std::string text = "on the pendant\n";
+  text += kHead;
+  for (const PendantFrame& frame : frames) {
+    text += rows(frame);
+  }
+  return text;
+}
+
+// On the flange and in the base frame of the model.
+std::string table(const TouchedFrames& found, const Robot& robot) {
+  if (!found.tool && !found.user) {
+    return {};
+  }
+  std::string text = fmt::format("in the model: tool in {}, user in {}\n{}", robot.tip, robot.base, kHead);
   const auto add = [&](const std::string& name, const TouchedFrame& frame) {
     const Eigen::VectorXd std = frame.std();
     text += numbers_row(name + " origin [mm]", frame.frame.translation(), std.head<3>(), kMillimetre);
@@ -231,9 +251,6 @@ std::string table(const TouchedFrames& found, const std::vector<PendantFrame>& f
   }
   if (found.user) {
     add("user", *found.user);
-  }
-  for (const PendantFrame& frame : frames) {
-    text += rows(frame);
   }
   return text;
 }
@@ -270,18 +287,17 @@ ExitStatus run(const FramesArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const PredictionBasis basis =
       arguments.result.empty() ? nominal_basis(robot) : PredictionBasis(read_result(arguments.result, robot));
-  std::optional<Controller> controller;
-  if (!arguments.controller.empty()) {
-    controller = read_controller(arguments.controller);
-  }
+  warn_of_other_convention(arguments.result, arguments.joint_convention);
+  const bool is_described = !arguments.controller.empty();
+  const Controller controller = is_described ? read_controller(arguments.controller) : controller_of_robot(robot);
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
   require_writable(files, arguments.force);
   const TouchedFrames found = touched_frames(
-      basis, touches_of(arguments, robot, controller ? controller->X_FP : Eigen::Isometry3d::Identity()));
-  const std::vector<PendantFrame> frames =
-      controller ? pendant_frames(arguments, *controller, basis, found) : std::vector<PendantFrame>();
+      basis, touches_of(arguments, robot, is_described ? controller.X_FP : Eigen::Isometry3d::Identity()));
+  const std::vector<PendantFrame> frames = pendant_frames(arguments, controller, basis, found);
   files.front().text = json_text(frames_json(found, frames, arguments.result));
-  write_whole(files, arguments.force, arguments.json ? files.front().text : table(found, frames));
+  write_whole(files, arguments.force,
+              arguments.json ? files.front().text : (is_described ? pendant_table(frames) : "") + table(found, robot));
   if (found.user && !found.user->rms) {
     warn("three touches of the user frame leave no check, and do not show how accurate it is; touch a fourth point");
   }
@@ -309,15 +325,12 @@ Subcommand add_frames(CLI::App& parser) {
            "The tool, where it is known: JSON as written by --output [the flange]");
   add_file(*app, "--joint-convention", arguments->joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
-  CLI::Option* controller = add_file(
-      *app, "--controller", arguments->controller,
-      "A FANUC controller's world frame and faceplate (JSON): gives the frames as X Y Z W P R too, in these; without "
-      "touches the targets of --result as tools");
+  add_file(*app, "--controller", arguments->controller,
+           "A FANUC controller's world frame and faceplate (JSON): prints the frames as X Y Z W P R in these; without "
+           "touches the targets of --result as tools");
   constexpr std::pair<int, int> kFrameNumbers = {1, 99};
-  add_count(*app, "--tool-number", arguments->tool_number, kFrameNumbers, "Number of the (first) tool frame, UTOOL")
-      ->needs(controller);
-  add_count(*app, "--user-number", arguments->user_number, kFrameNumbers, "Number of the user frame, UFRAME")
-      ->needs(controller);
+  add_count(*app, "--tool-number", arguments->tool_number, kFrameNumbers, "Number of the (first) tool frame, UTOOL");
+  add_count(*app, "--user-number", arguments->user_number, kFrameNumbers, "Number of the user frame, UFRAME");
   add_file(*app, "--output", arguments->output, "Write the frames for compensate --frames (JSON)")->required();
   app->add_flag("--force", arguments->force, "Overwrite files that exist");
   add_json_flag(*app, arguments->json);

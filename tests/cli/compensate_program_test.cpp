@@ -187,7 +187,8 @@ TEST_F(ProgramFiles, TakeTheTargetsOfTheCalibrationAsTools) {
   write("f.json", others.dump());
   EXPECT_THAT(run(kCompensate + Words{"--force", "--frames", "f.json"}).err, HasSubstr("found with the nominal robot"));
   expect_refused(words_of("frames --output g.json --controller " + kController), {"--tool-touches", "--result"});
-  expect_refused(words_of("frames --result r.json --output g.json --user-number 2"), {"--user-number", "--controller"});
+  expect_refused(words_of("frames --result r.json --output g.json --user-number 2"),
+                 {"--user-touches", "--controller"});
 }
 
 // The world stands 0.67 m above the base with x along the base's y.
@@ -214,6 +215,12 @@ TEST_F(ProgramFiles, TakeFramesThatWereTouched) {
   EXPECT_NEAR(json["tool_frames"]["2"]["position"][0], json["tool"]["position"][2], 1e-12);
   // Nothing says how the tool is turned: as the faceplate.
   EXPECT_NEAR(json["tool_frames"]["2"]["quaternion_wxyz"][0], 1.0, 1e-12);
+  // Without a description these are the frames of the controller that comes with the robot.
+  const std::string touches =
+      "frames --result r.json --tool-touches tip.csv --user-touches fixture.csv --tool-number 2 --user-number 3 ";
+  const Outcome bare = run(words_of(touches + "--output bare.json"));
+  EXPECT_THAT(bare.out, AllOf(::testing::Not(HasSubstr("UFRAME")), HasSubstr("tool in flange, user in base_link")));
+  EXPECT_EQ(json_of("bare.json")["user_frames"], json["user_frames"]);
   // kdlcal frames and compensate read the file.
   EXPECT_EQ(run(words_of("frames --user-touches fixture.csv --frames f.json --output g.json")).status, 0);
   write("IN.LS", program("UF : 3, UT : 2", Vector3d(100, 100, 100)));

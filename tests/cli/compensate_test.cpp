@@ -208,6 +208,54 @@ TEST_F(Compensate, BringsTheToolWhereTheProgramsPosesAre) {
   }
 }
 
+// As the pendant shows it: in its world, of its faceplate, beside its joint values. In base and flange the same numbers
+// are another pose.
+TEST_F(Compensate, TakesPosesAsAControllerShowsThem) {
+  const std::string controller = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_controller.json";
+  const Eigen::Isometry3d X_BW =
+      Eigen::Translation3d(0.0, 0.0, 0.67) * Eigen::AngleAxisd(90.0 * kDegree, Eigen::Vector3d::UnitZ());
+  const Eigen::Isometry3d X_FP(
+      Eigen::Quaterniond(0.5, -0.5, -0.5, -0.5));  // its z along axis 6, its x along the flange's z
+  const Eigen::VectorXd& q = kAsked[1];
+  const JointConvention pendant = read_joint_convention(kPendant);
+  const Eigen::VectorXd shown = pendant.matrix.inverse() * (q - pendant.offset);
+  const std::string pose = in_wpr(X_BW.inverse() * nominal_at(q) * X_FP);
+  const auto row = [&](double off) {
+    const Eigen::VectorXd J = shown.array() + off;
+    write("p.csv", std::string(kPoses) + ",J1[rad],J2[rad],J3[rad],J4[rad],J5[rad],J6[rad]\nP1" + pose +
+                       joined({J.begin(), J.end()}) + "\n");
+  };
+  const Words as_shown = kOfPoses + Words{"--force", "--controller", controller};
+  row(0.02);
+  const Outcome right = run(as_shown);
+  EXPECT_EQ(right.status, 0) << right.err;
+  EXPECT_THAT(right.out, ::testing::Not(HasSubstr("poses of flange")));
+  const Eigen::Isometry3d flange = X_BW * poses_in(text_of("o.csv"))[0] * X_FP.inverse();
+  EXPECT_LT((calibration().arm().flange_pose(set_by_controller(flange, q)).matrix() - nominal_at(q).matrix())
+                .cwiseAbs()
+                .maxCoeff(),
+            2e-6);
+  // Without joint columns those of --near are the pendant's as well.
+  write("n.csv", std::string(kPoses) + "\nP1" + pose + "\n");
+  const Eigen::VectorXd near = shown / kDegree;
+  Words from_near = as_shown + Words{"--near", joined({near.begin(), near.end()}).substr(1)};
+  from_near[4] = "n.csv";
+  EXPECT_EQ(run(from_near).status, 0);
+  EXPECT_LT((poses_in(text_of("o.csv"))[0].matrix() - (X_BW.inverse() * flange * X_FP).matrix()).norm(), 1e-9);
+
+  row(0.02);
+  const Outcome wrong = run(kOfPoses + Words{"--force", "--joint-convention", kPendant});
+  EXPECT_EQ(wrong.status, 1);
+  EXPECT_THAT(wrong.err, AllOf(HasSubstr("p.csv: in 1 of 1 rows the joint values stand elsewhere than the pose, first "
+                                         "'P1': "),
+                               HasSubstr("--controller")));
+  row(1.0);
+  EXPECT_EQ(run(as_shown).status, 1);
+  write("f.json", Json{{"user", cli::frame_json(X_BW)}}.dump());
+  expect_refused(as_shown + Words{"--frames", "f.json"}, {"--controller", "--frames"});
+  expect_refused(kCompensate + Words{"--controller", controller}, {"--controller", "--joints"});
+}
+
 // Joints 4 and 6 half way between both wrists: the other one is about as near.
 TEST_F(Compensate, SaysWhereAnotherWayIsAboutAsNear) {
   write("p.csv",
@@ -341,6 +389,27 @@ TEST_F(Compensate, WarnsOfWhatTheCalibrationNotedOtherwise) {
   EXPECT_THAT(outcome.err, AllOf(HasSubstr("made with 'payload' \"165\", not '80'"), HasSubstr("does not note 'x'"),
                                  ::testing::Not(HasSubstr("gripper"))));
   expect_refused(kCompensate + Words{"--note", "payload", "--force"}, {"--note", "key=value"});
+}
+
+TEST_F(Compensate, WarnsOfAnotherConventionThanTheCalibrations) {
+  const std::string serial = std::string(URDF_DIR) + "/fanuc_r2000ic_165f_serial.json";
+  succeed(words_of("simulate --configurations 20 --noise 3e-5 --output s.csv --joint-convention " + serial));
+  succeed(words_of("calibrate --measurements s.csv --effects none --result s.json --joint-convention " + serial));
+  write("p.csv", "configuration,J1[deg],J2[deg],J3[deg],J4[deg],J5[deg],J6[deg]\n1,5,10,15,20,25,30\n");
+  for (const auto& [convention, warns] : {std::pair{serial, false}, {kPendant, true}}) {
+    const std::string with = " --joint-convention " + convention;
+    for (const std::string& command :
+         {"compensate --result s.json --joints p.csv --force --output o.csv" + with,
+          "frames --result s.json --user-touches p.csv --force --output o.json" + with,
+          "plan --result s.json --configurations 12 --candidates 100 --starts 1 --force --output o.csv" + with,
+          "plan --after s.json --candidates 100 --starts 1 --force --output o.csv" + with,
+          "validate --result s.json --measurements s.csv" + with}) {
+      EXPECT_EQ(run(words_of(command)).err.find("s.json was made with another one than '" + kPendant + "'") !=
+                    std::string::npos,
+                warns)
+          << command;
+    }
+  }
 }
 
 TEST_F(Compensate, WarnsOfPointsBeyondTheMeasuredJointValues) {
