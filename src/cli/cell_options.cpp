@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <string_view>
 
@@ -15,6 +16,7 @@
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "kdl_calibration/joint_convention.hpp"
+#include "model/parameters.hpp"
 #include "robot/joint_ranges.hpp"
 #include "robot/mimic.hpp"
 
@@ -316,6 +318,28 @@ FacingTargets facing_targets_of(const Json& json, const std::string& source) {
 
 FacingTargets read_facing_targets(const std::string& file) { return facing_targets_of(read_json(file), file); }
 
+namespace {
+
+// Millimetres where metres are expected put a wall where it forbids nothing.
+class NearRobot {
+public:
+  explicit NearRobot(const Robot& robot) : farthest_(std::max(20.0 * reach(complete_model(robot)), 100.0)) {}
+
+  void require(const std::string& option, const std::string& text, double distance) const {
+    if (!(distance <= farthest_)) {
+      refuse(option, text, fmt::format("a place within {:.0f} m of the robot, in metres", farthest_));
+    }
+  }
+  void require(const std::string& option, const std::string& text, const Box& box) const {
+    require(option, text, Eigen::Vector3d::Zero().cwiseMax(box.lower).cwiseMin(box.upper).norm());
+  }
+
+private:
+  double farthest_;  // [m]
+};
+
+}  // namespace
+
 Cell cell(const CellArguments& arguments, const Robot& robot, const FacingTargets& targets,
           const JointConvention* convention, const Eigen::Isometry3d& X_BW) {
   require_tracker(arguments);
@@ -326,10 +350,13 @@ Cell cell(const CellArguments& arguments, const Robot& robot, const FacingTarget
   for (const std::string& text : arguments.joint_ranges) {
     add_joint_range(robot, known, text, cell);
   }
+  const NearRobot near(robot);
   if (!arguments.box.empty()) {
     cell.box = moved(frame, box("--box", arguments.box));
+    near.require("--box", arguments.box, cell.box);
   }
   if (arguments.least_height) {
+    near.require("--least-height", shortest(*arguments.least_height), std::abs(*arguments.least_height));
     cell.height = *arguments.least_height + frame.translation().z();
   }
   cell.radius = arguments.least_radius;
@@ -340,14 +367,17 @@ Cell cell(const CellArguments& arguments, const Robot& robot, const FacingTarget
       refuse("--keep-out-sphere", text, expected);
     }
     cell.out_spheres.push_back({.center = frame * Eigen::Vector3d(v[0], v[1], v[2]), .radius = v[3]});
+    near.require("--keep-out-sphere", text, cell.out_spheres.back().center.norm() - v[3]);
   }
   for (const std::string& text : arguments.out_boxes) {
     cell.out_boxes.push_back(moved(frame, box("--keep-out-box", text)));
+    near.require("--keep-out-box", text, cell.out_boxes.back());
   }
   cell.body = body(arguments, robot, targets.targets);
   cell.clearance = arguments.clearance;
   if (!arguments.tracker.empty()) {
     cell.tracker = tracker(arguments, frame);
+    near.require("--tracker", arguments.tracker, cell.tracker->position.norm());
   }
   cell.facing = targets.facing;
   return cell;
@@ -379,6 +409,9 @@ std::string places_text(const CellArguments& arguments, const Cell& cell, const 
   };
   if (!arguments.box.empty()) {
     add("box of the targets", cell.box);
+  }
+  if (cell.height) {
+    text += fmt::format("{:<24}in {}: z {} m\n", "least height", base, fixed(*cell.height, 3));
   }
   for (std::size_t i = 0; i < cell.out_boxes.size(); ++i) {
     add(fmt::format("keep-out box {}", i + 1), cell.out_boxes[i]);

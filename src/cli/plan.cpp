@@ -15,6 +15,7 @@
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
 #include "cli/plan_arguments.hpp"
+#include "cli/plan_command.hpp"
 #include "cli/plan_summary.hpp"
 #include "cli/planned_cell.hpp"
 #include "cli/progress.hpp"
@@ -125,6 +126,12 @@ std::vector<std::string> suspects(const std::vector<std::string>& named, const J
   return joints;
 }
 
+void warn_of_planned_cell(const PlanArguments& arguments, const std::string& file, const std::string& cell) {
+  if (!cell.empty() && cell_note(arguments.cell).empty()) {
+    warn(file + " was planned with " + cell + ", which limits this plan only if it is stated again");
+  }
+}
+
 PlanSetting setting(const PlanArguments& arguments) {
   PlanSetting result;
   PlanRequest& request = result.request;
@@ -136,15 +143,16 @@ PlanSetting setting(const PlanArguments& arguments) {
     MeasurementArguments measured = arguments.measured;
     measured.joint_convention = arguments.joint_convention;
     request.measured = read(measured, request.robot);
-    if (const std::string cell = planned_cell_of(measured); !cell.empty() && cell_note(arguments.cell).empty()) {
-      warn(measured.measurements + " was planned with " + cell + ", which limits this plan only if it is stated again");
+    warn_of_planned_cell(arguments, measured.measurements, planned_cell_of(measured));
+  }
+  for (const std::string& file : {arguments.result, arguments.after}) {
+    if (!file.empty()) {
+      request.calibrated = read_result(file, request.robot);
+      warn_of_planned_cell(arguments, file, planned_cell_of(read_json(file)));
+      warn_of_other_convention(file, arguments.joint_convention);
     }
   }
-  if (!arguments.result.empty()) {
-    request.calibrated = read_result(arguments.result, request.robot);
-  }
   if (!arguments.after.empty()) {
-    request.calibrated = read_result(arguments.after, request.robot);
     request.suspects = suspects(arguments.suspects, convention);
   }
   const FacingTargets facing = targets(arguments, model, request);

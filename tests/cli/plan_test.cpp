@@ -542,6 +542,11 @@ TEST_F(PlanCommand, TheCellOfAPlanComesBackInTheCommandThatPlansMore) {
   EXPECT_THAT(more.err, Not(HasSubstr("was planned with")));
   const Outcome bare = run(with(words_of("--measured m.csv --add 10")));
   EXPECT_THAT(bare.err, HasSubstr("m.csv was planned with " + note.substr(8)));
+  for (const char* option : {"--result", "--after"}) {
+    const Words of_result = {option, "r.json"};
+    EXPECT_THAT(run(with(of_result)).err, HasSubstr("r.json was planned with " + note.substr(8)));
+    EXPECT_THAT(run(with(of_result + words_of("--least-height 0.2"))).err, Not(HasSubstr("was planned with")));
+  }
 }
 
 TEST_F(PlanCommand, APlanOfTouchesOrSingleCoordinatesIsRehearsedAsPlanned) {
@@ -586,7 +591,8 @@ TEST_F(PlanCommand, KeepsOutOfTheWallThatThePendantsFrameStates) {
   EXPECT_LT(most_in_front(wall + Words{"--frame", "world"}), 1.2);
   EXPECT_GT(most_in_front(wall + Words{"--joint-convention", convention, "--frame", "base"}), 1.2);
   EXPECT_GT(most_in_front(wall), 1.2);
-  const std::string text = run(wall + Words{"--frame", "world"}).out;
+  const std::string text = run(wall + Words{"--frame", "world", "--least-height", "0.2"}).out;
+  EXPECT_THAT(text, HasSubstr("least height            in base_link: z 0.870 m\n"));
   EXPECT_THAT(text, HasSubstr("the controller's world: its origin at 0.000, 0.000, 0.670 m in base_link, its x along "
                               "y there\n"));
   EXPECT_THAT(text, HasSubstr("keep-out box 1          in base_link: x -5.000 to 5.000, y 1.200 to 5.000, z -1.330 to "
@@ -630,6 +636,14 @@ TEST_F(PlanCommand, RefusesWhatItCannotPlan) {
   expect_refused(with({"--configurations", "3"}), {"expected at least 4 configurations"});
   expect_refused(with({"--least-height", "9", "--output", "plan.csv"}),
                  {"the constraints leave 0 of", "least height 9000 mm removes"});
+  for (const auto& [option, millimetres] : {std::pair{"--keep-out-box", "1900,-5000,-1000,5000,5000,5000"},
+                                            {"--box", "1000,-1000,0,2000,1000,1000"},
+                                            {"--tracker", "4000,-1000,1200"},
+                                            {"--keep-out-sphere", "0,3000,0,500"},
+                                            {"--least-height", "-200"}}) {
+    expect_refused(with({option, millimetres}), {option, "a place within 100 m of the robot, in metres"});
+  }
+  ASSERT_EQ(run(with(words_of("--keep-out-box 60,-900,-900,900,900,900 --arm-radius 0.1 --tracker 80,0,0"))).status, 0);
   expect_refused(with({"--keep-out-sphere", "1,2,3"}), {"--keep-out-sphere", "1,2,3", "x,y,z,radius"});
   expect_refused(with({"--add", "3"}), {"--add", "--measured"});
   expect_refused(with({"--measured", "m.csv", "--result", "r.json"}), {"--result", "--measured", "one of the two"});
