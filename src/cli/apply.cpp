@@ -113,6 +113,15 @@ std::string with_provenance(const MasteredResult& mastered, const ApplyArguments
   return json_text(json);
 }
 
+// The same entry again would count it twice.
+void require_new_entry(const Json& result, const ApplyArguments& arguments) {
+  if (result.is_object() && result.contains("mastering_entered") &&
+      hash_of_input(result, "mastering-entered") == sha256_of_file(arguments.entered)) {
+    throw InputError("--mastering-entered: " + arguments.result + " is the result after " + arguments.entered +
+                     " already, expected the result before it, or what was entered since");
+  }
+}
+
 std::string summary(const std::vector<EnteredOffset>& entered, const std::vector<OutputFile>& files) {
   std::vector<std::string> names;
   std::vector<std::string> paths;
@@ -137,6 +146,7 @@ ExitStatus run(const ApplyArguments& arguments) {
   const std::string text = read_text_file(arguments.result);
   // With another one the offsets would be of other joints.
   require_same_input(json_of(text, arguments.result), arguments.result, "joint-convention", arguments.joint_convention);
+  require_new_entry(json_of(text, arguments.result), arguments);
   const std::optional<JointConvention> given = convention_of(arguments.joint_convention, robot);
   const JointConvention convention = given ? *given : urdf_convention(robot);
   const std::vector<EnteredOffset> entered =

@@ -10,6 +10,7 @@
 
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
+#include "base/sha256.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
 #include "base/wrapped_text.hpp"
@@ -200,11 +201,24 @@ std::string table(const Comparison& comparison, const std::optional<JointConvent
   return text + wrapped("What to do: " + advice(comparison) + ".", 0, 2);
 }
 
+// A result after its mastering was entered is of the same arm, whose controller counts in another way.
+void require_two_calibrations(const CompareArguments& arguments) {
+  for (const auto& [one, other] : {std::pair{arguments.before, arguments.after}, {arguments.after, arguments.before}}) {
+    const Json result = read_json(one);
+    const Json entry = result.is_object() ? result.value("mastering_entered", Json()) : Json();
+    if (text_at(entry, "sha256_of_earlier_result") == sha256_of_file(other)) {
+      throw InputError(one + ": is " + other +
+                       " after its mastering was entered, expected results of two calibrations");
+    }
+  }
+}
+
 ExitStatus run(const CompareArguments& arguments) {
   const std::vector<Requirement> requirements = parse_requirements(arguments.requirements);
   std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
+  require_two_calibrations(arguments);
   const Calibration before = load_calibration(arguments.before, robot);
   const Comparison comparison = compare(before, load_calibration(arguments.after, robot));
   const std::optional<JointConvention> convention = convention_of(arguments.joint_convention, robot);

@@ -12,6 +12,7 @@
 #include "cli/measurement_options.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
+#include "cli/plan_command.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/requirements.hpp"
 #include "cli/robot_controller.hpp"
@@ -253,6 +254,10 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   std::vector<OutputFile> files = given_outputs({{"--report", arguments.report}});
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
+  if (!arguments.result.empty()) {
+    require_after_entry(read_json(arguments.result), arguments.result, arguments.measurements.measurements);
+    warn_of_other_convention(arguments.result, arguments.measurements.joint_convention);
+  }
   const auto arm = std::make_shared<const CalibrationParts>(arm_of(robot, arguments.result));
   const Measurements measurements = read(arguments.measurements, robot);
   const PositionErrors errors =

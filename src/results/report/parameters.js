@@ -98,8 +98,9 @@ function heatMap(block) {
 const STEP = { "°": 3, mm: 3 };
 function offsetOf(offset) {
   const { unit, factor, decimals } = offset.unit === "m" ? { unit: "mm", factor: 1e3, decimals: 4 } : { unit: "°", factor: 1 / DEGREE, decimals: 5 };
-  return { unit, decimals, of: (value) => value * factor, entry: fixed(offset.add * factor, STEP[unit]),
-    half: offset.interval_95 && offset.std !== 0 ? ((offset.interval_95[1] - offset.interval_95[0]) / 2) * factor : null };
+  const half = offset.interval_95 && offset.std !== 0 ? ((offset.interval_95[1] - offset.interval_95[0]) / 2) * factor : null;
+  const is_shown = half === null || Math.abs(offset.add * factor) > half; // that it is not zero
+  return { unit, decimals, half, of: (value) => value * factor, entry: is_shown ? fixed(offset.add * factor, STEP[unit]) : null };
 }
 const HOW_TO_ENTER = [
   ["FANUC", "SYSTEM, Master/Cal, Single axis master: jog the joint to 0.000 and enter the number as its mastering position (MSTR POS). By counts: the display grows if the mastering count falls, by the number times the counts per degree of the axis."],
@@ -115,21 +116,24 @@ function enterThis() {
   const alone = offsets.joints.some((offset) => offset.add_if_only_these !== undefined);
   const rows = offsets.joints.map((offset) => {
     const { unit, decimals, of, entry, half } = offsetOf(offset);
-    const whole = [named(offset.joint, 24), el("strong", {}, entry), unit, of(offset.add), half, of(offset.add_if_only_these), offset.std === 0 ? "held" : ""];
+    const remark = offset.std === 0 ? "held" : entry === null ? "may be zero: enter nothing" : "";
+    const whole = [named(offset.joint, 24), entry === null ? null : el("strong", {}, entry), unit, of(offset.add), half, of(offset.add_if_only_these), remark];
     const shown = offset.measurable ? whole.map((cell) => (typeof cell === "number" ? fixed(cell, decimals) : cell)) : [named(offset.joint, 24), null, "", null, null, null, "leave it: base or targets take it up"];
     if (half !== null && offset.measurable) shown[4] = "± " + shown[4];
     if (!alone) shown.splice(5, 1);
     return shown;
   });
+  const file = entered ? "entered_again.csv" : "entered.csv";
   const headings = ["controller's joint", " enter first", "", " exactly", " 95 %", " if nothing else is corrected", ""];
   if (!alone) headings.splice(5, 1);
-  const lines = offsets.joints.filter((offset) => offset.measurable && offset.std !== 0).map((offset) => `${offset.joint},${offsetOf(offset).entry.replace("−", "-")},${offsetOf(offset).unit === "mm" ? "mm" : "deg"}`);
+  const lines = offsets.joints.filter((offset) => offset.measurable && offset.std !== 0 && offsetOf(offset).entry !== null).map((offset) => `${offset.joint},${offsetOf(offset).entry.replace("−", "-")},${offsetOf(offset).unit === "mm" ? "mm" : "deg"}`);
   const csv = ["joint,added,unit", ...lines].join("\n");
   return [
+    note("You need not enter anything: compensated programs and the calibrated URDF correct these offsets. If you enter them, go on with the result of kdlcal apply, or they are corrected twice."),
     entered ? note(`Already entered: ${entered.joints.map((joint) => joint.joint).join(", ")}. The table shows the rest, which the result still corrects.`) : null,
     table(headings, rows, { label: "Joint zero offsets", class: "enter" }),
-    note("The display of a joint that stands still grows by the number of the column “enter first”. Check this on the display, and move with care: targets that were taught shift as well. Without an entry, programs that are compensated and the calibrated URDF correct the same offsets: enter nothing, or enter and apply."),
-    el("ol", { class: "steps" }, el("li", {}, "Enter the column “enter first”. Keep what you really entered as a file, such as entered.csv:", el("div", { class: "command" }, el("code", {}, csv), copyButton(csv))),
+    note("The display of a joint that stands still grows by the number of the column “enter first”. Check this on the display, and move with care: targets that were taught shift as well."),
+    lines.length === 0 ? note("Nothing needs to be entered.") : el("ol", { class: "steps" }, el("li", {}, `Enter the column “enter first”. Keep what you really entered as a file, such as ${file}:`, el("div", { class: "command" }, el("code", {}, csv), copyButton(csv))),
       el("li", {}, "Make result and URDF those of the robot after the entry:", DATA.apply_command ? el("div", { class: "command" }, el("code", {}, DATA.apply_command), copyButton(DATA.apply_command)) : " kdlcal apply"),
       el("li", {}, "Measure a few points and check them with kdlcal validate and the new result.")),
     el("h3", {}, "How to enter it"), facts(HOW_TO_ENTER),

@@ -84,7 +84,7 @@ const NEW_POINT = RESULT.new_point || null;
 const millimetres = (value) => `${fixed(value * 1e3, value < 1e-4 ? 3 : 2)} mm`;
 function robotsOf(stated) {
   const same = stated.urdf_alone === stated.compensated;
-  return [["as the robot is", stated.nominal, "before"], same ? null : ["with the URDF alone", stated.urdf_alone, "held"],
+  return [[RESULT.mastering_entered ? "as the robot was" : "as the robot is", stated.nominal, "before"], same ? null : ["with the URDF alone", stated.urdf_alone, "held"],
     [same ? "in compensated programs or with the URDF" : "in compensated programs", stated.compensated, "after"]].filter(Boolean);
 }
 function statement() {
