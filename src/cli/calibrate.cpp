@@ -197,7 +197,7 @@ std::string next_step(const CalibrateArguments& arguments) {
   }
   std::string command = "kdlcal validate";
   const auto add = [&](const char* option, const std::string& value) {
-    command += value.empty() ? "" : std::string(" ") + option + " " + value;
+    command += value.empty() ? "" : std::string(" ") + option + " " + shell_word(value);
   };
   if (arguments.result.empty()) {
     add("--urdf", arguments.output);

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "base/text_file.hpp"
+#include "base/units.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -18,6 +19,10 @@ std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files) {
   std::vector<OutputFile> given;
   for (const NamedFile& file : files) {
     if (!file.path.empty()) {
+      if (file.option == "--report" && lower_case(std::filesystem::path(file.path).extension().string()) == ".pdf") {
+        throw InputError("--report: '" + file.path + "' would hold HTML, expected another name; kdlcal report --pdf " +
+                         "prints a result's page");
+      }
       given.push_back({.option = file.option, .path = file.path, .text = {}});
     }
   }

@@ -86,7 +86,7 @@ std::string_view unit_alone(std::string_view cell) {
                     joints.convention->name + " the controller's are expected: " + comma_separated(joints.names));
   }
   const std::string hint = joints.convention == nullptr ? " (controller's joint names need --joint-convention)" : "";
-  fail(place, "unknown column " + shown(cell) + ": " + expected_columns(joints) + hint);
+  fail(place, "unknown column " + shown(cell) + hint + ": " + expected_columns(joints));
 }
 
 /// Fills a header from its cells.

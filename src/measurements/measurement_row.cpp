@@ -11,6 +11,7 @@
 #include "base/number_range.hpp"
 #include "base/number_text.hpp"
 #include "base/text.hpp"
+#include "base/units.hpp"
 
 namespace kdl_calibration {
 namespace {
@@ -109,7 +110,7 @@ void Row::note_decimals(const Column& column, char mark) const {
 
 Split Row::split() const {
   if (!has(header_.split)) return Split::train;
-  const std::string_view text = trimmed(fields_[header_.split.index]);
+  const std::string text = lower_case(trimmed(fields_[header_.split.index]));
   if (text == "train") return Split::train;
   if (text == "test") return Split::test;
   fail_cell(header_.split, "is not a valid split: expected train or test");

@@ -339,6 +339,10 @@ void add_effects(const CalibrationResult& calibration, const Measurements& measu
 // For mastering: corrections to add to the controller's joint values.
 void add_joint_offsets(const CalibrationResult& calibration, const JointConvention& convention, std::string& text) {
   text += "\njoint zero offsets, for mastering: add to the displayed values\n" +
+          wrapped(
+              "enter nothing if you use the calibrated URDF or compensate, which correct them, or enter the first "
+              "column and go on with kdlcal apply",
+              2, 2) +
           fmt::format("{:>52}{}\n", "+- 95 %", calibration.offsets_alone ? "   if only these" : "");
   for (const JointOffset& offset : joint_offsets(calibration, convention)) {
     const DisplayUnit& unit = offset.slides ? kMillimetres : kDegrees;
@@ -360,8 +364,8 @@ void add_joint_offsets(const CalibrationResult& calibration, const JointConventi
     text += "  the first column includes the mean of the effects of each joint\n";
   }
   if (calibration.offsets_alone) {
-    text += wrapped(fmt::format("enter the last column only if you use neither the calibrated URDF, which contains "
-                                "the first one, nor compensate: {:.3f} mm would be left (fitted)",
+    text += wrapped(fmt::format("enter the last column only if you use neither the calibrated URDF nor compensate: "
+                                "{:.3f} mm would be left (fitted)",
                                 calibration.offsets_alone->accuracy.rms * 1e3),
                     2, 2);
   }

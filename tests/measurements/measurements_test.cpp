@@ -277,7 +277,8 @@ TEST(MeasurementsInput, NanAndInfinityAreRefused) {
 TEST(MeasurementsInput, SplitRepeatAndSigmaKeepTheirRules) {
   const std::string header = replaced(kHeader, "\n", ",split,repeat,sigma[mm]\n");
   const auto message = [&](const std::string& cells) { return csv_message(header + "c,A,1,2,3,4,5," + cells + "\n"); };
-  EXPECT_THAT(message("Test,1,1"), AllOf(StartsWith("m.csv:2: split 'Test'"), HasSubstr("train or test")));
+  EXPECT_THAT(message("Tests,1,1"), AllOf(StartsWith("m.csv:2: split 'Tests'"), HasSubstr("train or test")));
+  EXPECT_EQ(message("TRAIN,1,1"), message("train,1,1"));
   for (const char* repeat : {"-1", "1.5", "one", "4294967297", "1 1"}) {
     EXPECT_THAT(message("test," + std::string(repeat) + ",1"), HasSubstr("repeat '" + std::string(repeat) + "' is no"));
   }

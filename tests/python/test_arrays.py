@@ -388,6 +388,12 @@ def test_places_of_what_is_refused_beside_points_of_configurations():
             kc.from_arrays(q, points, **options)
 
 
+def test_words_of_a_split_in_capitals():
+    q, points = np.repeat(np.eye(2), 3, axis=0), np.ones((6, 3))
+    m = kc.from_arrays(q, points, targets=list("ABCABC"), split=["Train"] * 3 + ["TEST"] * 3)
+    np.testing.assert_array_equal(m.observations["test"], [False] * 3 + [True] * 3)
+
+
 def test_a_configuration_is_of_one_split():
     split = ["train"] * 5 + ["test"]
     with pytest.raises(kc.InputError, match=r"split\[5\]: 'test', expected the same in all rows of configuration 2"):

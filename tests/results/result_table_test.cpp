@@ -163,6 +163,8 @@ noise per coordinate: 0.030 mm per point (from the residuals)
 rank 20 of 21 parameters, condition number 123, 5 iterations
 
 joint zero offsets, for mastering: add to the displayed values
+  enter nothing if you use the calibrated URDF or compensate, which correct
+  them, or enter the first column and go on with kdlcal apply
                                              +- 95 %   if only these
   J1                         0.00000 deg        held     0.00000 deg
   J2                         -1.2500 mm       0.1960      0.0000 mm
@@ -170,8 +172,8 @@ joint zero offsets, for mastering: add to the displayed values
   J4                         0.50000 deg     0.01960     0.25000 deg
   J5                        -0.50000 deg     0.01960    -0.25000 deg
   the first column includes the mean of the effects of each joint
-  enter the last column only if you use neither the calibrated URDF, which
-  contains the first one, nor compensate: 0.900 mm would be left (fitted)
+  enter the last column only if you use neither the calibrated URDF nor
+  compensate: 0.900 mm would be left (fitted)
 
 predicted, in the base [mm]           x          y          z  sigma   95 %
   there A                      1234.568   -500.000    250.000  0.125  0.250

@@ -183,10 +183,11 @@ def _is_test(split, configuration, names, place):
     if split is None:
         return np.zeros(count, dtype=np.int64)
     words = _labels(split, "split", count, "train", place)
-    wrong = np.flatnonzero((words != "train") & (words != "test"))
+    lower = np.array([str(word).lower() for word in words])
+    wrong = np.flatnonzero((lower != "train") & (lower != "test"))
     if len(wrong):
         raise InputError(f"{place('split', wrong[0])}: '{words[wrong[0]]}', expected 'train' or 'test'")
-    is_test = (words == "test").astype(np.int64)
+    is_test = (lower == "test").astype(np.int64)
     of_configuration = np.zeros(len(names), dtype=np.int64)
     of_configuration[configuration[::-1]] = is_test[::-1]
     mixed = np.flatnonzero(is_test != of_configuration[configuration])
