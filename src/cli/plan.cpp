@@ -143,6 +143,10 @@ PlanSetting setting(const PlanArguments& arguments) {
     MeasurementArguments measured = arguments.measured;
     measured.joint_convention = arguments.joint_convention;
     request.measured = read(measured, request.robot);
+    if (request.measured->stations.size() > 1) {
+      throw InputError(fmt::format("--measured: {} is of {} stations, expected one; --stations plans anew for several",
+                                   measured.measurements, request.measured->stations.size()));
+    }
     warn_of_planned_cell(arguments, measured.measurements, planned_cell_of(measured));
   }
   for (const std::string& file : {arguments.result, arguments.after}) {

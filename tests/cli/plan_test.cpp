@@ -568,6 +568,7 @@ TEST_F(PlanCommand, APlanOfTouchesOrSingleCoordinatesIsRehearsedAsPlanned) {
   expect_refused(words_of("simulate --plan t.csv --repeats 2"), {"--plan", "each once"});
   ASSERT_EQ(run(with(words_of("--configurations 40 --stations 3 --directions z --output z.csv"))).status, 0);
   succeed(words_of("simulate --plan z.csv --output zm.csv"));
+  expect_refused(with({"--measured", "zm.csv", "--add", "3"}), {"--measured: zm.csv is of 3 stations, expected one"});
   const Measurements heights = read_measurements(fanuc(), directory / "zm.csv");
   EXPECT_EQ(heights.stations.size(), 3U);
   EXPECT_EQ(dimension(heights.observations.front().reading), 1);

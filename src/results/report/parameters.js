@@ -247,10 +247,10 @@ function next() {
   const predicted = RESULT.predicted_accuracy || {};
   const cells = (predicted.cells || []).filter((cell) => Number.isFinite(cell.mean)).sort((a, b) => b.mean - a.mean);
   return [
-    cells.length ? [note(`Where a point is predicted least certainly, in ${PLACES}. Configurations chosen by the command below help there.`),
+    cells.length ? [note(`Where a point is predicted least certainly, in ${PLACES}.${DATA.plan_command ? " Configurations chosen by the command below help there." : ""}`),
       table([" x [m]", " y [m]", " z [m]", " mean 1 σ [mm]", " largest [mm]", " configurations"],
         cells.slice(0, 10).map((cell) => [...moved(TO_WORLD, cell.centre).map((v) => fixed(v, 2)), mm(cell.mean), mm(cell.max), String(cell.count)]), { label: "Least certain cells" })]
       : missing("The result has no predicted accuracy over the workspace."),
-    DATA.plan_command ? el("div", { class: "command" }, el("code", {}, DATA.plan_command), copyButton(DATA.plan_command)) : missing("The command needs the names of the files, which this page does not have."),
+    DATA.plan_command ? el("div", { class: "command" }, el("code", {}, DATA.plan_command), copyButton(DATA.plan_command)) : missing(RESULT.stations ? "kdlcal plan adds to the measurements of one station. For several, or a plate, plan anew: kdlcal plan --stations, --sockets." : "The command needs the names of the files, which this page does not have."),
   ];
 }
