@@ -34,7 +34,6 @@
 #include "measurements/program_file.hpp"
 #include "model/parameters.hpp"
 #include "programs/controller.hpp"
-#include "robot/mimic.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -158,24 +157,24 @@ struct Piece {
 /// Reads a program, and writes the commands for it.
 class Compensation {
 public:
-  Compensation(const CompensateArguments& arguments, const Robot& robot, const JointConvention* convention,
-               const std::optional<Controller>& controller)
+  Compensation(const CompensateArguments& arguments, const Robot& robot,
+               const std::optional<JointConvention>& convention, const std::optional<Controller>& controller)
       : arguments_(arguments),
         calibration_(at_circumstances(load_calibration(arguments.result, robot), arguments.circumstances)),
         compensator_(calibration_,
                      {.most_change = arguments.most_change * kDegree, .position_first = arguments.position_first}),
         frames_(frames_of(arguments, controller)),
-        program_(file(), robot, convention, arguments.poses.empty() ? FileContent::configurations : FileContent::poses,
+        program_(file(), robot, convention ? &*convention : nullptr,
+                 arguments.poses.empty() ? FileContent::configurations : FileContent::poses,
                  orientation_reading(arguments.orientation)),
         ways_(robot, compensator_),
-        summary_(robot, calibration_.arm()),
+        summary_(robot, calibration_.arm(), convention),
         contradictions_(robot),
         warnings_(other_notes(arguments)) {
     if (!arguments.near.empty()) {
-      const std::vector<std::string> joints = independent_joint_names(robot.joints);
       previous_ =
           joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"},
-                       convention == nullptr ? std::nullopt : std::optional(matched_convention(*convention, joints)));
+                       fitting_convention(convention, robot));
     }
   }
 
@@ -419,7 +418,7 @@ ExitStatus run(const CompensateArguments& arguments) {
   const std::optional<JointConvention> convention = arguments.joint_convention.empty() && controller
                                                         ? controller->convention
                                                         : convention_of(arguments.joint_convention);
-  Compensation compensation(arguments, robot, convention ? &*convention : nullptr, controller);
+  Compensation compensation(arguments, robot, convention, controller);
   // Files are written one after the other: the program first, and all else is known then.
   for (OutputFile& file : files) {
     file.pieces = [&](const TextSink& sink) {

@@ -73,8 +73,9 @@ std::vector<OutputFile> outputs_of(const ProgramArguments& arguments, const Prog
   return files;
 }
 
-CompensationSummary summary_of(const CompensatedProgram& program, const Robot& robot, const CalibratedArm& arm) {
-  CompensationSummary summary(robot, arm);
+CompensationSummary summary_of(const CompensatedProgram& program, const Robot& robot, const CalibratedArm& arm,
+                               const Controller& controller) {
+  CompensationSummary summary(robot, arm, controller.convention);
   for (const CompensatedPosition& position : program.positions) {
     const CompensatedPoint point = position.point;
     summary.add(std::span(&point, 1), std::span(&position.displacement, 1),
@@ -141,13 +142,14 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   require_writable(files, arguments.force);
   CompensatedJoints near;
   if (!arguments.near.empty()) {
-    near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"});
+    near = joint_values(robot, {.joints = arguments.near, .joint_convention = {}, .degrees = true, .option = "--near"},
+                        fitting_convention(controller.convention, robot));
   }
   const Compensator compensator(calibration, options);
   CompensatedProgram program = compensated_program(
       {.robot = robot, .compensator = compensator, .controller = controller, .language = *given.language}, given.texts,
       near, arguments.line_tolerance);
-  const CompensationSummary summary = summary_of(program, robot, calibration.arm());
+  const CompensationSummary summary = summary_of(program, robot, calibration.arm(), controller);
   const std::vector<std::string> warnings = warnings_of(program, summary, arguments.line_tolerance);
   const std::string head = record_head(program, sha256_of_file(arguments.result), arguments.line_tolerance);
   for (std::size_t i = 0; i < program.texts.size(); ++i) {

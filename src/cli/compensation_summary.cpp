@@ -1,6 +1,7 @@
 #include "cli/compensation_summary.hpp"
 
 #include <fmt/core.h>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -10,6 +11,7 @@
 #include "base/number_text.hpp"
 #include "base/text.hpp"
 #include "cli/frames.hpp"
+#include "cli/options.hpp"
 #include "cli/report_pages.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -60,8 +62,25 @@ std::string prediction_row(const CalibratedArm& arm, const std::string& label, c
   return row + (outside ? ",true\n" : ",false\n");
 }
 
-CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm)
-    : robot_(robot), arm_(arm), changes_(Eigen::VectorXd::Zero(static_cast<Index>(robot.joints.size()))) {}
+CompensationSummary::CompensationSummary(const Robot& robot, const CalibratedArm& arm,
+                                         const std::optional<JointConvention>& convention)
+    : arm_(arm) {
+  const std::optional<JointConvention> fitting = fitting_convention(convention, robot);
+  const std::vector<std::size_t> independent = independent_joints(robot.joints);
+  const auto count = static_cast<Index>(independent.size());
+  const Eigen::MatrixXd inverse =
+      fitting ? Eigen::MatrixXd(fitting->matrix.inverse()) : Eigen::MatrixXd::Identity(count, count);
+  for (std::size_t i = 0; i < independent.size(); ++i) {
+    const auto row = static_cast<Index>(i);
+    Listed& joint = joints_.emplace_back();
+    joint.name = fitting ? fitting->controller_joints[i] : robot.joints[independent[i]].name;
+    joint.slides = value_is_length(robot, fitting ? &*fitting : nullptr, row);
+    joint.weights = Eigen::RowVectorXd::Zero(static_cast<Index>(robot.joints.size()));
+    for (std::size_t j = 0; j < independent.size(); ++j) {
+      joint.weights[static_cast<Index>(independent[j])] = inverse(row, static_cast<Index>(j));
+    }
+  }
+}
 
 // Where they become too many, every second one goes.
 void CompensationSummary::add_sample(const Sample& sample) {
@@ -83,7 +102,9 @@ void CompensationSummary::add(std::span<const CompensatedPoint> points, std::spa
     ++points_;
     ++count_[static_cast<std::size_t>(point.status)];
     add_sample({.ordinal = points_, .status = point.status, .correction = corrections[i]});
-    changes_ = changes_.cwiseMax(point.change.cwiseAbs());
+    for (Listed& joint : joints_) {
+      joint.change = std::max(joint.change, std::abs(joint.weights.dot(point.change)));
+    }
     correction_ = std::max(correction_, corrections[i]);
     position_error_ = std::max(position_error_, point.position_error);
     orientation_error_ = std::max(orientation_error_, point.orientation_error);
@@ -143,10 +164,8 @@ Json CompensationSummary::json() const {
     statuses[to_string(status)] = count_[static_cast<std::size_t>(status)];
   }
   Json joints = Json::array();
-  for (const std::size_t i : independent_joints(robot_.joints)) {
-    joints.push_back({{"joint", robot_.joints[i].name},
-                      {"change", changes_[static_cast<Index>(i)]},
-                      {"unit", robot_.joints[i].type == JointType::prismatic ? "m" : "rad"}});
+  for (const Listed& joint : joints_) {
+    joints.push_back({{"joint", joint.name}, {"change", joint.change}, {"unit", joint.slides ? "m" : "rad"}});
   }
   Json inexact = Json::array();
   for (const Inexact& point : inexact_) {
@@ -194,12 +213,10 @@ std::string CompensationSummary::table() const {
     text += padded(to_string(status), kWidth) + fmt::format("{:>8}\n", count_[static_cast<std::size_t>(status)]);
   }
   text += padded("joint", kWidth) + "  largest change\n";
-  for (const std::size_t i : independent_joints(robot_.joints)) {
-    const MovingJoint& joint = robot_.joints[i];
-    const double change = changes_[static_cast<Index>(i)];
-    const bool slides = joint.type == JointType::prismatic;
+  for (const Listed& joint : joints_) {
     text += padded(joint.name, kWidth) +
-            fmt::format("{:>12} {}\n", fixed(slides ? change * 1e3 : change / kDegree, 4), slides ? "mm" : "deg");
+            fmt::format("{:>12} {}\n", fixed(joint.slides ? joint.change * 1e3 : joint.change / kDegree, 4),
+                        joint.slides ? "mm" : "deg");
   }
   text += "correction of the flange: at most " + fixed(correction_ * 1e3, 3) + " mm\n";
   text += "remaining error of the flange: at most " + off(position_error_, orientation_error_) + "\n";

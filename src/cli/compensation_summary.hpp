@@ -14,6 +14,7 @@
 #include "interface/compensated_line.hpp"
 #include "kdl_calibration/calibrated_arm.hpp"
 #include "kdl_calibration/compensation.hpp"
+#include "kdl_calibration/joint_convention.hpp"
 #include "kdl_calibration/robot.hpp"
 
 namespace kdl_calibration::cli {
@@ -31,7 +32,8 @@ std::string prediction_row(const CalibratedArm& arm, const std::string& label, c
 /// What became of the points of a program. Keeps references. Its memory does not grow with their number.
 class CompensationSummary {
 public:
-  CompensationSummary(const Robot& robot, const CalibratedArm& arm);
+  /// `convention`: of the joints whose largest changes are listed; none, or one of other joints: those of the URDF.
+  CompensationSummary(const Robot& robot, const CalibratedArm& arm, const std::optional<JointConvention>& convention);
 
   /// The next points, and how far [m] each commanded flange is from the asked one. Throws InputError for a point whose
   /// pose depends on parameters that were not determined.
@@ -65,11 +67,18 @@ private:
   // Evenly spaced points for the page, with ordinal, status and correction.
   Json samples() const;
 
-  const Robot& robot_;
+  // A joint as it is listed: its changes are `weights` of those of the URDF's joints.
+  struct Listed {
+    std::string name;
+    bool slides = false;
+    Eigen::RowVectorXd weights;
+    double change = 0.0;  // largest one
+  };
+
   CalibratedArm arm_;
+  std::vector<Listed> joints_;
   std::size_t points_ = 0;
   std::array<std::size_t, 5> count_{};  // of each status
-  Eigen::VectorXd changes_;             // largest one of each joint
   double correction_ = 0.0;
   double position_error_ = 0.0;
   double orientation_error_ = 0.0;

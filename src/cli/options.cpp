@@ -403,6 +403,14 @@ std::optional<JointConvention> convention_of(const std::string& file, const Robo
   return convention;
 }
 
+std::optional<JointConvention> fitting_convention(const std::optional<JointConvention>& convention,
+                                                  const Robot& robot) {
+  const std::vector<std::string> names = independent_joint_names(robot.joints);
+  const bool fits = convention && std::is_permutation(names.begin(), names.end(), convention->urdf_joints.begin(),
+                                                      convention->urdf_joints.end());
+  return fits ? std::optional(matched_convention(*convention, names)) : std::nullopt;
+}
+
 Measurements configurations_of(const Robot& robot, const std::string& file, const std::string& joint_convention) {
   const std::optional<JointConvention> convention = convention_of(joint_convention);
   return read_configurations(robot, file, convention ? &*convention : nullptr);

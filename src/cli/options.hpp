@@ -98,6 +98,9 @@ void add_joint_options(CLI::App& app, JointArguments& arguments);
 /// angles to angles and lengths to lengths, so a controller's value is a length if all joints that depend on it are
 /// prismatic.
 bool value_is_length(const Robot& robot, const JointConvention* convention, Eigen::Index value);
+/// The convention in the order of the robot's joints; none if there is none or if it names others, as for an arm on a
+/// rail.
+std::optional<JointConvention> fitting_convention(const std::optional<JointConvention>& convention, const Robot& robot);
 /// The URDF's values of all joints [rad] or [m]; warns of values outside the limits.
 Eigen::VectorXd joint_values(const Robot& robot, const JointArguments& arguments);
 /// The same in this convention, for the robot's joints in their order, whatever the arguments name.

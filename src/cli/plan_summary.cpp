@@ -171,6 +171,9 @@ std::string table_of_plan(const PlanArguments& arguments, const PlanSetting& set
   text += line("  this plan", plan.planned, plan.planned.worst_configuration);
   text += line("  random choice", plan.random, plan.random.worst_configuration);
   text += places_text(arguments.cell, setting.request.cell, setting.request.robot.base, setting.X_BW);
+  if (arguments.places.sockets.empty() && arguments.places.directions == "xyz") {
+    text += "a tracker may stand anywhere that sees the targets: these places are examples\n";
+  }
   text += "station     in the base frame: x y z [m], angle times axis [deg]\n";
   for (std::size_t s = 0; s < stations.size(); ++s) {
     const Eigen::Isometry3d X_BW = plan.rows.robot.truth.frames.base(s).inverse();

@@ -90,9 +90,16 @@ TEST_F(Compensate, KeepsTheConventionTheSeparatorAndTheDecimalMark) {
   const Measurements asked = read_configurations(fanuc(), directory / "p.csv", &pendant);
   const Measurements commanded = read_configurations(fanuc(), directory / "o.csv", &pendant);
   const Compensator compensator(calibration());
+  Eigen::VectorXd largest = Eigen::VectorXd::Zero(6);  // of the pendant's joints, two of which are coupled
   for (Eigen::Index c = 0; c < 2; ++c) {
     const CompensatedPoint point = compensator.solve(asked.joint_values.col(c));
     EXPECT_LT((commanded.joint_values.col(c) - point.joint_values).cwiseAbs().maxCoeff(), 1e-14);
+    largest = largest.cwiseMax((pendant.matrix.inverse() * point.change).cwiseAbs());
+  }
+  const Json said = Json::parse(run(kCompensate + Words{"--joint-convention", kPendant, "--json", "--force"}).out);
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(said["largest_change"][i]["joint"], "J" + std::to_string(i + 1));
+    EXPECT_NEAR(said["largest_change"][i]["change"].get<double>(), largest[static_cast<Eigen::Index>(i)], 1e-14);
   }
 }
 

@@ -687,7 +687,10 @@ TEST_F(PlanCommand, ForAPlateSaysWhereItStandsAndIsMeasuredFromThere) {
 }
 
 TEST_F(PlanCommand, ForATrackerThatIsMovedIsMeasuredFromItsStations) {
-  succeed(with({"--stations", "4", "--configurations", "30", "--output", "p.csv"}));
+  const char* anywhere = "a tracker may stand anywhere that sees the targets";
+  EXPECT_THAT(run(with({"--stations", "4", "--configurations", "30", "--output", "p.csv"})).out, HasSubstr(anywhere));
+  EXPECT_THAT(run(with({"--stations", "4", "--directions", "z", "--configurations", "48"})).out,
+              Not(HasSubstr(anywhere)));
   succeed({"simulate", "--plan", "p.csv", "--output", "m.csv"});
   const Measurements planned = read_configurations(directory / "p.csv", joint_names(fanuc()));
   const Measurements measured = read_measurements(directory / "m.csv", joint_names(fanuc()));
