@@ -10,6 +10,7 @@
 #include <Eigen/Geometry>
 #include <cstddef>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -73,6 +74,8 @@ struct EffectOptions {
   /// Direction of gravity in the base frame, of any length. Not down for an arm on a wall or ceiling.
   Eigen::Vector3d gravity_direction = Eigen::Vector3d(0.0, 0.0, -1.0);
   Eigen::Vector3d payload_centre = Eigen::Vector3d::Zero();  ///< [m] centre of mass of the payload in the flange frame
+  /// The same of several payloads by their mass [kg], instead. Each measured mass but 0 is one of them, to 0.01 kg.
+  std::map<double, Eigen::Vector3d> payload_centres = {};
   /// Effects of the caller's own. Where the groups are chosen, these are candidates as well; else they are part of the
   /// model. A result file names them, and load_calibration wants their functions again.
   std::vector<OwnEffect> own = {};

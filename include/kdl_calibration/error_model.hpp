@@ -136,9 +136,18 @@ struct Temperature {
   bool of_link = false;
 };
 
+/// One of several payloads.
+struct PayloadCentre {
+  double mass = 0.0;   ///< [kg]
+  KDL::Vector centre;  ///< of mass, in the flange frame [m]
+};
+
 /// The torque of the payload about the joint's axis, with g = 1.
 struct PayloadTorque {
-  KDL::Vector centre;  ///< of the payload, in the flange frame [m]
+  KDL::Vector centre;  ///< of every payload, in the flange frame [m]; where no others are stated
+  /// Those of several payloads, by ascending mass. Between two of them the product of mass and centre is linear in the
+  /// mass; below the lightest and above the heaviest one their centre holds.
+  std::vector<PayloadCentre> centres = {};
 };
 
 /// Values of functions of the caller's own at N configurations: N x K for joint values joints x N in the URDF's
@@ -224,6 +233,7 @@ struct ErrorModel {
   std::vector<PointMass> link_masses;                 ///< those stated by the URDF
   KDL::Vector gravity = KDL::Vector(0.0, 0.0, -1.0);  ///< unit vector of its direction in the base frame
   KDL::Vector payload_centre;                         ///< in the flange frame [m]
+  std::vector<PayloadCentre> payload_centres;         ///< of several payloads, see PayloadTorque
   /// Taken where signals state none: the means of the measurements, or those of Calibration::at.
   Circumstances circumstances;
   std::vector<std::string> stations = {"W"};  ///< of the measurements, each with its own pose of the base

@@ -63,7 +63,7 @@ struct CalibrateArguments {
   std::string prior_result;
   std::vector<std::string> effects;  // empty: not stated
   std::vector<double> gravity_direction = {0.0, 0.0, -1.0};
-  std::vector<double> payload_centre = {0.0, 0.0, 0.0};
+  std::vector<std::string> payload_centre = {"0", "0", "0"};
   std::string loss = "none";
   std::string noise = "auto";
   std::vector<double> noise_independent;
@@ -125,6 +125,38 @@ Eigen::Vector3d vector_of(const std::vector<double>& numbers, const char* option
   return {numbers[0], numbers[1], numbers[2]};
 }
 
+// x,y,z of all payloads, or MASS=x,y,z of each.
+void take_payload_centres(const std::vector<std::string>& words, EffectOptions& effects) {
+  const std::string text = comma_separated(words);
+  const auto number = [&](std::string_view part) {
+    const std::optional<double> value = parsed_number(part);
+    if (!value || std::abs(*value) > 1e5) {
+      throw InputError("--payload-centre: '" + text + "', expected x,y,z or MASS=x,y,z for each payload, in m and kg");
+    }
+    return *value;
+  };
+  std::vector<std::pair<std::optional<double>, std::vector<double>>> payloads;  // mass, centre
+  for (const std::string& word : words) {
+    const std::size_t equals = word.find('=');
+    if (equals != std::string::npos || payloads.empty()) {
+      payloads.emplace_back(equals == std::string::npos ? std::nullopt : std::optional(number(word.substr(0, equals))),
+                            std::vector<double>());
+    }
+    payloads.back().second.push_back(number(word.substr(equals == std::string::npos ? 0 : equals + 1)));
+  }
+  for (const auto& [mass, centre] : payloads) {
+    const Eigen::Vector3d place = vector_of(centre, "--payload-centre");
+    if (!mass) {
+      effects.payload_centre = place;
+    } else if (!effects.payload_centres.emplace(*mass, place).second) {
+      throw InputError(fmt::format("--payload-centre: {:g} kg is there twice, expected each mass once", *mass));
+    }
+  }
+  if (payloads.size() > 1 && !payloads.front().first) {
+    throw InputError("--payload-centre: '" + text + "', expected a mass before each centre");
+  }
+}
+
 // What an option that may be left out says of a choice: to leave it to the data, or not; nothing if other words follow.
 std::optional<bool> automatic(const std::vector<std::string>& words) {
   return words == std::vector<std::string>{"auto"}   ? std::optional(true)
@@ -146,8 +178,8 @@ CalibrationOptions calibration_options(const CalibrateArguments& arguments, cons
   options.priors.automatic = automatic({arguments.prior});
   options.effects = {.groups = effect_groups(arguments.effects, {"auto", "none"}),
                      .automatic = automatic(arguments.effects),
-                     .gravity_direction = vector_of(arguments.gravity_direction, "--gravity-direction"),
-                     .payload_centre = vector_of(arguments.payload_centre, "--payload-centre")};
+                     .gravity_direction = vector_of(arguments.gravity_direction, "--gravity-direction")};
+  take_payload_centres(arguments.payload_centre, options.effects);
   options.noise.stated = noise_model(arguments);
   options.noise.weights = arguments.noise == "repeats" ? Weights::repeats
                           : arguments.noise == "equal" ? Weights::equal
@@ -417,8 +449,8 @@ void add_fit_options(CLI::App& app, CalibrateArguments& arguments) {
       ->type_name("X,Y,Z")
       ->default_str("0,0,-1");
   add_list(app, "--payload-centre", arguments.payload_centre,
-           "Centre of mass of the column payload in the flange frame [m], x,y,z",
-           number_between(-100.0, 100.0, "a number from -100 to 100"))
+           "Centre of mass of the column payload in the flange frame [m]; of several payloads one for each mass [kg], "
+           "12=0,0,0.1,40=0.1,0,0.25")
       ->type_name("X,Y,Z")
       ->default_str("0,0,0");
   refuse_old_names(app);

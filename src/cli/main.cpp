@@ -153,6 +153,7 @@ std::string option_of(const std::string& member) {
   static const std::map<std::string, std::string> others = {{"weights", "--noise"},
                                                             {"effects.gravity_direction", "--gravity-direction"},
                                                             {"effects.payload_centre", "--payload-centre"},
+                                                            {"effects.payload_centres", "--payload-centre"},
                                                             {"noise.orientation", "--orientation-sigma"},
                                                             {"noise.independent", "--noise-independent"},
                                                             {"noise.tracker", "--noise-tracker"},

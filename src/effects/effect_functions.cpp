@@ -107,6 +107,24 @@ double load_torque(const ErrorModel& model, std::size_t joint, double mass, cons
 
 namespace {
 
+Vector3d centre_of(const PayloadTorque& payload, double mass) {
+  if (payload.centres.empty()) {
+    return to_eigen(payload.centre);
+  }
+  const PayloadCentre* below = nullptr;
+  for (const PayloadCentre& one : payload.centres) {
+    if (mass <= one.mass) {
+      if (below == nullptr) {
+        return to_eigen(one.centre);
+      }
+      const double share = (mass - below->mass) / (one.mass - below->mass);
+      return ((1.0 - share) * below->mass * to_eigen(below->centre) + share * one.mass * to_eigen(one.centre)) / mass;
+    }
+    below = &one;
+  }
+  return to_eigen(below->centre);
+}
+
 // Evaluates each kind of function for one term at one configuration.
 struct RawValue {
   const ErrorModel& model;
@@ -168,7 +186,7 @@ struct RawValue {
   }
   double operator()(const PayloadTorque& payload) const {
     const double mass = around(Circumstance::payload, model.circumstances.payload);
-    return mass * unit_torque(model, joint, stop.frames.moved.back() * to_eigen(payload.centre), stop.frames);
+    return mass * unit_torque(model, joint, stop.frames.moved.back() * centre_of(payload, mass), stop.frames);
   }
   double operator()(const OwnFunction& of_caller) const {
     return own_values(of_caller, own_columns(of_caller.effect, of_caller.columns, stop.q))[0];

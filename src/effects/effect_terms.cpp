@@ -191,7 +191,7 @@ void add_circumstances(const ErrorModel& model, EffectGroup group, std::size_t j
                        std::vector<EffectTerm>& terms) {
   const bool is_warm = has_temperature(signals, model.joints[joint].links);
   if (group == EffectGroup::payload && is_stated(signals, Circumstance::payload)) {
-    terms.push_back(term_of(model, joint, PayloadTorque{model.payload_centre}));
+    terms.push_back(term_of(model, joint, PayloadTorque{model.payload_centre, model.payload_centres}));
   } else if (group == EffectGroup::drift && is_warm) {
     terms.push_back(term_of(model, joint, Temperature{}));
   } else if (group == EffectGroup::expansion && is_warm) {

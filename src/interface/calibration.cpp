@@ -314,6 +314,40 @@ Circumstances mean_circumstances(const Measurements& measurements) {
   return means;
 }
 
+void require_centres_of_all(const std::vector<PayloadCentre>& centres, const DriveSignals& signals) {
+  constexpr double kSame = 0.01;  // [kg]
+  if (centres.empty() || !is_stated(signals, Circumstance::payload)) {
+    return;
+  }
+  for (const double mass : signals.circumstances.row(static_cast<Eigen::Index>(Circumstance::payload))) {
+    const bool is_known = std::isnan(mass) || mass == 0.0 ||
+                          std::any_of(centres.begin(), centres.end(),
+                                      [&](const PayloadCentre& one) { return std::abs(one.mass - mass) <= kSame; });
+    if (!is_known) {
+      throw OptionError("effects.payload_centres",
+                        fmt::format("has no centre for the measured payload of {:g} kg, expected one for each", mass));
+    }
+  }
+}
+
+void take_payload_centres(const EffectOptions& options, const DriveSignals& signals, ErrorModel& model) {
+  const Eigen::Vector3d& centre = options.payload_centre;
+  require_finite("effects.payload_centre", centre.allFinite());
+  model.payload_centre = {centre.x(), centre.y(), centre.z()};
+  if (!options.payload_centres.empty() && !centre.isZero(0.0)) {
+    throw OptionError("effects.payload_centres",
+                      "states centres beside that of payload_centre, expected one of the two");
+  }
+  for (const auto& [mass, of_mass] : options.payload_centres) {
+    if (!(mass > 0.0) || !(mass <= possible_range(Circumstance::payload).second)) {
+      throw OptionError("effects.payload_centres", fmt::format("has a mass of {:g} kg, expected one above 0", mass));
+    }
+    require_finite("effects.payload_centres", of_mass.allFinite());
+    model.payload_centres.push_back({.mass = mass, .centre = {of_mass.x(), of_mass.y(), of_mass.z()}});
+  }
+  require_centres_of_all(model.payload_centres, signals);
+}
+
 }  // namespace
 
 CalibrationResult fit(const Robot& robot, const Measurements& measurements, const CalibrationOptions& options) {
@@ -327,21 +361,21 @@ CalibrationResult fit(const Robot& robot, const Measurements& measurements, cons
   model.gravity = unit_vector(options.effects.gravity_direction);
   require_conventions(options.diagnosis, model.joints);
   require_alternatives(options.diagnosis, model, measurements);
-  require_finite("effects.payload_centre", options.effects.payload_centre.allFinite());
-  const Eigen::Vector3d& centre = options.effects.payload_centre;
-  model.payload_centre = {centre.x(), centre.y(), centre.z()};
+  take_payload_centres(options.effects, measurements.signals, model);
   model.circumstances = mean_circumstances(measurements);
   CalibrationSettings settings = settings_of(options);
   if (const Calibration* earlier = options.priors.earlier) {
     settings.selection.earlier = std::make_shared<EarlierResult>(earlier_result(*earlier, robot));
     model.gravity = earlier->parts().model.gravity;
     model.payload_centre = earlier->parts().model.payload_centre;
+    model.payload_centres = earlier->parts().model.payload_centres;
   }
   CalibrationResult result = calibrate(model, measurements, settings);
   if (kept != KeptAxes::none) {
     ErrorModel free = complete_model(robot);
     free.gravity = model.gravity;
     free.payload_centre = model.payload_centre;
+    free.payload_centres = model.payload_centres;
     free.circumstances = model.circumstances;
     result.free_axes = fit_with_free_axes(free, measurements, settings);
   }

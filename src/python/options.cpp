@@ -397,6 +397,20 @@ Members prior_members(GivenCalibrationOptions& into) {
 }
 
 // A dict of poses (4, 4) by their names.
+Members::Reader centres_into(std::map<double, Eigen::Vector3d>& into) {
+  return [&into](const py::handle& given, const std::string& where) {
+    if (!py::isinstance<py::dict>(given)) {
+      throw py::type_error(where + ": " + std::string(py::repr(given)) +
+                           ", expected a dict of masses and centres (3,)");
+    }
+    for (const auto& [key, centre] : py::reinterpret_borrow<py::dict>(given)) {
+      double mass = 0.0;
+      take(key, mass, where);
+      vector_into(into[mass])(centre, where + "." + std::string(py::str(key)));
+    }
+  };
+}
+
 Members::Reader poses_into(std::map<std::string, Eigen::Isometry3d>& into) {
   return [&into](const py::handle& given, const std::string& where) {
     if (!py::isinstance<py::dict>(given)) {
@@ -516,6 +530,7 @@ GivenCalibrationOptions calibration_options(const py::dict& keywords) {
                                    .by("groups", groups_into(options.effects.groups))
                                    .with("automatic", options.effects.automatic)
                                    .by("payload_centre", vector_into(options.effects.payload_centre))
+                                   .by("payload_centres", centres_into(options.effects.payload_centres))
                                    .by("own", own_into(result))
                                    .by("gravity_direction", vector_into(options.effects.gravity_direction))))
       .by("noise", structure(Members()

@@ -84,7 +84,16 @@ Json function_json(const Temperature& temperature) {
   return {{"of", temperature.of_link ? "temperature and length" : "temperature"}};
 }
 
-Json function_json(const PayloadTorque& payload) { return {{"centre", array(to_eigen(payload.centre))}}; }
+Json function_json(const PayloadTorque& payload) {
+  if (payload.centres.empty()) {
+    return {{"centre", array(to_eigen(payload.centre))}};
+  }
+  Json centres = Json::array();
+  for (const PayloadCentre& one : payload.centres) {
+    centres.push_back({{"mass", one.mass}, {"centre", array(to_eigen(one.centre))}});
+  }
+  return {{"centres", centres}};
+}
 
 Json function_json(const OwnFunction& own) {
   Json json = {{"effect", own.effect}, {"column", own.column}};
@@ -226,6 +235,25 @@ OwnFunction read_own(const Node& node, const EffectTerm& term, std::span<const O
   return function;
 }
 
+PayloadTorque read_payload(const Node& node) {
+  const auto centre = [](const Node& of) {
+    const Eigen::Vector3d found = tree::numbers<3>(member(of, "centre"));
+    return KDL::Vector(found.x(), found.y(), found.z());
+  };
+  if (!has(node, "centres")) {
+    return {.centre = centre(node)};
+  }
+  PayloadTorque payload;
+  for (const Node& one : elements(member(node, "centres"))) {
+    payload.centres.push_back({.mass = positive(member(one, "mass")), .centre = centre(one)});
+    if (payload.centres.size() > 1 &&
+        !(payload.centres.back().mass > payload.centres[payload.centres.size() - 2].mass)) {
+      tree::fail(one, "a larger mass than that of the payload before");
+    }
+  }
+  return payload;
+}
+
 EffectFunction read_function(const Node& node, EffectGroup group, const EffectTerm& term, const ErrorModel& model,
                              std::span<const OwnEffect> own) {
   const auto joints = static_cast<int>(model.joints.size());
@@ -260,8 +288,7 @@ EffectFunction read_function(const Node& node, EffectGroup group, const EffectTe
     case EffectGroup::drift:
       return Temperature{.of_link = group == EffectGroup::expansion};
     case EffectGroup::payload: {
-      const Eigen::Vector3d centre = tree::numbers<3>(member(node, "centre"));
-      return PayloadTorque{{centre.x(), centre.y(), centre.z()}};
+      return read_payload(node);
     }
     case EffectGroup::own:
       return read_own(node, term, own, joints);

@@ -115,6 +115,7 @@ std::vector<double> read_parameters(const Node& top, std::span<const OwnEffect> 
   for (const EffectTerm& term : effects.terms) {
     if (const auto* const payload = std::get_if<PayloadTorque>(&term.function)) {
       saved.model.payload_centre = payload->centre;
+      saved.model.payload_centres = payload->centres;
     }
   }
   saved.model.effects = std::move(effects.terms);

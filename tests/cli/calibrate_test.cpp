@@ -191,6 +191,16 @@ std::vector<OptionCase> geometry_options() {
          EXPECT_EQ(effect.without.json["effects"]["terms"][0]["function"]["centre"], Json::array({0.0, 0.0, 0.0}));
        },
        Words{"--measurements", "loaded.csv"} + kNoPriors + Words{"--effects", "payload"}},
+      {"PayloadCentreMayBeThatOfEachMass",
+       {"--payload-centre", "5=0.1,-0.2,0.3,10=0,0,0.4"},
+       [](const Effect& effect) {
+         ASSERT_FALSE(effect.with.json["effects"]["terms"].empty()) << effect.with.outcome.err;
+         for (const Json& term : effect.with.json["effects"]["terms"]) {
+           EXPECT_EQ(term["function"], Json::parse(R"({"centres": [{"mass": 5.0, "centre": [0.1, -0.2, 0.3]},
+                                                                   {"mass": 10.0, "centre": [0.0, 0.0, 0.4]}]})"));
+         }
+       },
+       Words{"--measurements", "loaded.csv"} + kNoPriors + Words{"--effects", "payload"}},
       {"KnownBaseIsHeld",
        {"--known-base", "known.json"},
        is_library([](auto& o) { o.parameters.known.bases = {{.X_WB = known_base()}}; }),
@@ -647,6 +657,22 @@ TEST_F(CalibrateResult, NamesTheFileThatItsOptionsCameFrom) {
   EXPECT_EQ(files[2]["role"], "config");
   EXPECT_EQ(files[2]["sha256"], sha256(text_of("options.toml")));
   EXPECT_EQ(json_of("r.json")["noise"]["model"], "residuals");
+}
+
+TEST_F(CalibrateResult, RefusesCentresThatArePayloadsOfNothing) {
+  succeed(words_of("simulate --configurations 12 --effects payload --output loaded.csv"));  // 0, 5 and 10 kg
+  const auto with = [](const char* centres) {
+    return Words{"calibrate", "--measurements", "loaded.csv", "--payload-centre", centres};
+  };
+  const char* expected = "expected x,y,z or MASS=x,y,z for each payload, in m and kg";
+  expect_refused(with("5=0,0,0.1"), {"--payload-centre", "no centre for the measured payload of 10 kg"});
+  expect_refused(with("5=0,0,0.1,5=0,0,0.2"), {"--payload-centre: 5 kg is there twice"});
+  expect_refused(with("0,0,0.1,10=0,0,0.2"), {"--payload-centre", "expected a mass before each centre"});
+  expect_refused(with("5=0,0,10=0,0,0.2"), {"--payload-centre: has 2 values, expected 3"});
+  expect_refused(with("0,0,0.1,0.2"), {"--payload-centre: has 4 values, expected 3"});
+  expect_refused(with("five=0,0,0"), {"--payload-centre", expected});
+  expect_refused(with("5=0,0,1e9"), {"--payload-centre", expected});
+  expect_refused(with("-5=0,0,0.1"), {"--payload-centre", "a mass of -5 kg, expected one above 0"});
 }
 
 TEST_F(CalibrateResult, RefusesNotesThatAreNone) {

@@ -17,6 +17,7 @@
 namespace kdl_calibration::testing::fk_test {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -395,6 +396,28 @@ TEST_F(OptionsOfKdlcal, FkShowsMillimetresAndDegreesOfEveryFrame) {
   const std::vector<std::string> printed_lines = testing::lines_of(every);
   for (const std::string& line : printed_lines) {
     EXPECT_EQ(word_ends(line, 6), word_ends(printed_lines.front(), 6)) << every;
+  }
+}
+
+TEST_F(OptionsOfKdlcal, FkRefusesPayloadsThatHaveNoOrder) {
+  write("plinth.urdf", arm_on_a_plinth());
+  const auto fk_of = [&](const std::string& centres) {
+    write("r.json",
+          result_with(R"("name": "payload.3", "group": "payload", "coefficient": 1e-4, "function": {"centres": )" +
+                      centres + "}"));
+    return run(Words{"fk", "--result", "r.json"} + kAtJoints);
+  };
+  const std::string light = R"({"mass": 5, "centre": [0.3, 0, 0.2]})";
+  const std::string heavy = R"({"mass": 20, "centre": [0, 0, 0.2]})";
+  EXPECT_EQ(fk_of("[" + light + "," + heavy + "]").status, 0);
+  for (const auto& [centres, expected] :
+       {std::pair{"[" + heavy + "," + light + "]", "a larger mass than that of the payload before"},
+        {"[" + light + "," + light + "]", "a larger mass than that of the payload before"},
+        {std::string("[]"), "expected an array that is not empty"},
+        {std::string(R"([{"mass": 0, "centre": [0, 0, 0]}])"), "mass"}}) {
+    const Outcome outcome = fk_of(centres);
+    EXPECT_EQ(outcome.status, 2) << centres;
+    EXPECT_THAT(outcome.err, AllOf(HasSubstr("r.json"), HasSubstr("centres"), HasSubstr(expected))) << centres;
   }
 }
 

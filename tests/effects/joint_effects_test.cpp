@@ -629,6 +629,50 @@ TEST(JointEffects, PayloadsTurnTheJointsByTheirTorque) {
   }
 }
 
+// By KDL's solver: a mass between those of two payloads is a part of each, a lighter or heavier one stands where the
+// nearest of them does.
+TEST(JointEffects, SeveralPayloadsHaveCentresOfTheirOwn) {
+  const Robot robot = fanuc();
+  ErrorModel model = complete_model(robot);
+  const KDL::Vector light(0.1, -0.05, 0.2);
+  const KDL::Vector heavy(-0.2, 0.3, 0.05);
+  model.payload_centre = KDL::Vector(9.0, 9.0, 9.0);  // not used
+  model.payload_centres = {{.mass = 40.0, .centre = light}, {.mass = 100.0, .centre = heavy}};
+  const std::vector<std::vector<std::pair<double, KDL::Vector>>> carried = {
+      {}, {{20.0, light}}, {{40.0, light}}, {{30.0, light}, {25.0, heavy}}, {{100.0, heavy}}, {{130.0, heavy}}};
+  Random random(14);
+  const Eigen::MatrixXd q = random_configurations(limits_of(model.joints), 60, random);
+  DriveSignals signals;
+  signals.circumstances = Eigen::MatrixXd::Constant(2, 60, Circumstances::kUnknown);
+  for (Eigen::Index c = 0; c < 60; ++c) {
+    double mass = 0.0;
+    for (const auto& [part, centre] : carried[static_cast<std::size_t>(c) % carried.size()]) {
+      mass += part;
+    }
+    signals.circumstances(1, c) = mass;
+  }
+  model.effects = effect_terms(model, EffectGroup::payload, q, signals);
+  ASSERT_GE(model.effects.size(), 5U);
+  const Eigen::MatrixXd basis = effect_basis(model, q, signals);
+  for (Eigen::Index c = 0; c < q.cols(); ++c) {
+    Eigen::VectorXd torques = Eigen::VectorXd::Zero(6);
+    for (const auto& [part, centre] : carried[static_cast<std::size_t>(c) % carried.size()]) {
+      Robot carrier = robot;
+      carrier.chain = KDL::Chain();
+      for (const KDL::Segment& segment : robot.chain.segments) {
+        carrier.chain.addSegment(KDL::Segment(segment.getName(), segment.getJoint(), segment.getFrameToTip()));
+      }
+      carrier.chain.addSegment(KDL::Segment("payload", KDL::Joint(KDL::Joint::Fixed), KDL::Frame::Identity(),
+                                            KDL::RigidBodyInertia(part, centre)));
+      torques += kdl_torques(carrier, model.gravity, q.col(c));
+    }
+    for (std::size_t e = 0; e < model.effects.size(); ++e) {
+      const EffectTerm& term = model.effects[e];
+      EXPECT_NEAR(value_of(term, basis(static_cast<Eigen::Index>(e), c)), torques[term.index], 1e-9) << term.name;
+    }
+  }
+}
+
 // Its torque about the axis that it lies on is rounding.
 TEST(JointEffects, APayloadOnAnAxisDoesNotTurnThatJoint) {
   ErrorModel model = complete_model(fanuc());

@@ -1,11 +1,13 @@
 """Temperature and payload of the configurations."""
 
 import pickle
+import subprocess
 
 import numpy as np
 import pytest
 
 import kdl_calibration as kc
+from conftest import KDLCAL
 
 PLAIN = {"priors": {"automatic": False}, "diagnosis": {"try_readings": False}}
 GROWTH = 2e-5  # [1/K] of the whole arm and tool, so that every point moves away from the base by its share
@@ -138,6 +140,47 @@ def test_at_a_temperature_no_file_of_the_calibration_is_replaced(robot, warm, tm
             with pytest.raises(kc.InputError, match=f"'{name}' is the file that .* reads"):
                 each.write_urdf(name)
     assert {name: (tmp_path / name).read_bytes() for name in written} == written
+
+
+def test_several_payloads(robot, tmp_path):
+    """As kdlcal: each mass has its centre, and a copy and the file keep them."""
+    m, _ = kc.simulate(robot, configurations=40, noise=3e-5, length_error=1e-3, angle_error=1e-3, seed=3)
+    rows = m.observations
+    place = {name: i for i, name in enumerate(m.configurations)}
+    of_row = np.array([place[name] for name in rows["configuration"]])
+    load = np.array([0.0, 40.0, 100.0])[np.arange(40) % 3]
+    joints = m.joint_values[of_row] + np.outer(load[of_row], [0.0, 1e-5, 0.0, 0.0, 0.0, 0.0])
+    heavy = kc.from_arrays(joints, rows["position"], targets=rows["target"], configurations=rows["configuration"],
+                           payload=load[of_row], joint_names=robot.joints)  # fmt: skip
+    centres = {40: [0.1, 0.0, 0.2], 100.0: np.array([0.0, -0.1, 0.3])}
+
+    def with_centres(given):
+        return kc.calibrate(robot, heavy, effects={"groups": ["payload"], "payload_centres": given}, **PLAIN)
+
+    found = with_centres(centres)
+    for term in found.result["effects"]["terms"]:
+        assert term["function"] == {"centres": [{"mass": 40.0, "centre": [0.1, 0.0, 0.2]},
+                                                {"mass": 100.0, "centre": [0.0, -0.1, 0.3]}]}  # fmt: skip
+    (tmp_path / "m.csv").write_text(heavy.csv())
+    subprocess.run([KDLCAL, "calibrate", "--measurements", "m.csv", "--effects", "payload", "--prior", "none",
+                    "--payload-centre", "40=0.1,0,0.2,100=0,-0.1,0.3", "--result", "r.json"],
+                   cwd=tmp_path, check=True, capture_output=True)  # fmt: skip
+    q = m.joint_values
+    found.save(tmp_path / "saved.json")
+    for copy in (pickle.loads(pickle.dumps(found)), kc.load(tmp_path / "saved.json", robot), kc.load(tmp_path / "r.json", robot)):
+        for payload in (0.0, 40.0, 70.0, 100.0):
+            np.testing.assert_allclose(copy.at(payload=payload).predict(q, "A").position,
+                                       found.at(payload=payload).predict(q, "A").position, rtol=0, atol=1e-9)  # fmt: skip
+    for given, message in (({40: [0.1, 0.0, 0.2]}, "no centre for the measured payload of 100 kg"),
+                           ({-1: [0.0, 0.0, 0.0]}, "a mass of -1 kg, expected one above 0"),
+                           ({40: [0.1, 0.0]}, r"payload_centres.40: .*\(3,\)"), ({40: [np.nan] * 3}, "payload_centres")):  # fmt: skip
+        with pytest.raises(kc.InputError, match=message):
+            with_centres(given)
+    with pytest.raises(TypeError, match="payload_centres: .* expected a dict of masses and centres"):
+        with_centres([0.0, 0.0, 0.1])
+    with pytest.raises(kc.InputError, match="beside that of payload_centre, expected one of the two"):
+        kc.calibrate(robot, heavy, effects={"groups": ["payload"], "payload_centres": centres,
+                                            "payload_centre": [0.1, 0.0, 0.0]}, **PLAIN)  # fmt: skip
 
 
 def test_a_copy_with_a_payload(robot):
