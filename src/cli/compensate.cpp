@@ -84,7 +84,9 @@ ControllerFrames frames_of(const CompensateArguments& arguments, const std::opti
   if (controller) {
     throw InputError("--controller: its world and faceplate are the frames of --poses, expected no --frames");
   }
-  ControllerFrames frames = controller_frames_of(read_json(arguments.frames), arguments.frames);
+  const Json json = read_json(arguments.frames);
+  ControllerFrames frames = controller_frames_of(json, arguments.frames);
+  warn_if_not_turned(json.value("tool", Json()), "the tool", arguments.frames);
   warn_if_found_with_another(frames.found_with, arguments.frames, arguments.result);
   return frames;
 }

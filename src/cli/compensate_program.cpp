@@ -54,8 +54,12 @@ Controller controller_of(const ProgramArguments& arguments, const Robot& robot, 
   if (!arguments.frames.empty()) {
     controller.frames = read_program_frames(arguments.frames, language);
     if (std::filesystem::path(arguments.frames).extension() == ".json") {
-      warn_if_found_with_another(found_with(read_json(arguments.frames), arguments.frames), arguments.frames,
-                                 arguments.result);
+      const Json json = read_json(arguments.frames);
+      warn_if_found_with_another(found_with(json, arguments.frames), arguments.frames, arguments.result);
+      const Json tools = json.value("tool_frames", Json::object());
+      for (const auto& [name, tool] : tools.items()) {
+        warn_if_not_turned(tool, fmt::format("{} {}", language.tool_frame, name), arguments.frames);
+      }
     }
   }
   return controller;
@@ -133,12 +137,12 @@ ExitStatus compensate_program(const ProgramArguments& arguments, const Robot& ro
   const ProgramFiles given = read_program(arguments.program);
   std::vector<OutputFile> files = outputs_of(arguments, given);
   require_original(given);
+  const Calibration calibration = at_circumstances(load_calibration(arguments.result, robot), arguments.circumstances);
   const Controller controller = controller_of(arguments, robot, *given.language);
   CompensationOptions options = arguments.options;
   for (std::string& joint : carrying_joints(controller)) {
     options.held.push_back(std::move(joint));
   }
-  const Calibration calibration = at_circumstances(load_calibration(arguments.result, robot), arguments.circumstances);
   require_writable(files, arguments.force);
   CompensatedJoints near;
   if (!arguments.near.empty()) {

@@ -59,6 +59,13 @@ std::optional<std::string> found_with(const Json& json, const std::string& sourc
   return calibration.json.is_null() ? "" : name(calibration);
 }
 
+void warn_if_not_turned(const Json& tool, const std::string& name, const std::string& frames) {
+  if (tool.is_object() && tool.contains("orientation") && tool["orientation"] == kNotMeasured) {
+    warn(frames + ": " + name + " is turned as the flange, because touches find only its origin: if the controller's " +
+         "is turned in another way, state it (kdlcal frames --frames)");
+  }
+}
+
 void warn_if_found_with_another(const std::optional<std::string>& hash, const std::string& frames,
                                 const std::string& result) {
   if (hash && *hash != sha256_of_file(result)) {

@@ -32,6 +32,11 @@ struct ControllerFrames {
 ControllerFrames controller_frames_of(const Json& json, const std::string& source);
 /// ControllerFrames::found_with
 std::optional<std::string> found_with(const Json& json, const std::string& source);
+/// Of a tool whose origin alone was touched: its orientation in the file is that of flange or faceplate.
+inline constexpr const char* kNotMeasured = "not measured";
+/// Warns if the tool has such an orientation. `name`: "tool", "UTOOL 1".
+void warn_if_not_turned(const Json& tool, const std::string& name, const std::string& frames);
+
 /// Warns if `hash` is stated and not that of the result: frames and program belong to one calibration.
 void warn_if_found_with_another(const std::optional<std::string>& hash, const std::string& frames,
                                 const std::string& result);

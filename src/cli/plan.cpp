@@ -4,6 +4,8 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
+#include <sstream>
 #include <utility>
 
 #include "base/degree.hpp"
@@ -126,8 +128,22 @@ std::vector<std::string> suspects(const std::vector<std::string>& named, const J
   return joints;
 }
 
+// The first words, "--clearance", of these options.
+std::set<std::string> options_in(const std::string& cell) {
+  std::set<std::string> options;
+  std::istringstream words(cell);
+  for (std::string word; words >> word;) {
+    if (word.starts_with("--") && word != "--frame") {
+      options.insert(word);
+    }
+  }
+  return options;
+}
+
 void warn_of_planned_cell(const PlanArguments& arguments, const std::string& file, const std::string& cell) {
-  if (!cell.empty() && cell_note(arguments.cell).empty()) {
+  const std::set<std::string> planned = options_in(cell);
+  const std::set<std::string> stated = options_in(cell_note(arguments.cell));
+  if (!std::includes(stated.begin(), stated.end(), planned.begin(), planned.end())) {
     warn(file + " was planned with " + cell + ", which limits this plan only if it is stated again");
   }
 }
@@ -154,6 +170,10 @@ PlanSetting setting(const PlanArguments& arguments) {
       request.calibrated = read_result(file, request.robot);
       warn_of_planned_cell(arguments, file, planned_cell_of(read_json(file)));
       warn_of_other_convention(file, arguments.joint_convention);
+      if (arguments.joint_convention.empty() && hash_of_input(read_json(file), "joint-convention")) {
+        warn(file +
+             " was made with --joint-convention; without it joint values and places of this plan are the URDF's");
+      }
     }
   }
   if (!arguments.after.empty()) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <filesystem>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -16,6 +17,7 @@
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
+#include "base/units.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
@@ -26,6 +28,7 @@
 #include "kdl_calibration/input_error.hpp"
 #include "programs/controller.hpp"
 #include "programs/pose_numbers.hpp"
+#include "programs/program_language.hpp"
 
 namespace kdl_calibration::cli {
 namespace {
@@ -65,17 +68,43 @@ Matrix3Xd points_of(const Measurements& touches) {
   return points.isZero(0.0) ? Matrix3Xd() : points;
 }
 
+// The tool of a file that kdlcal frames wrote, or that of --tool-number in a file of the controller.
+Eigen::Isometry3d known_tool(const FramesArguments& arguments, const Eigen::Isometry3d& X_FP) {
+  const std::string ending = lower_case(std::filesystem::path(arguments.frames).extension().string());
+  if (ending == ".json") {
+    const Json json = read_json(arguments.frames);
+    if (!json.is_object() || json.contains("tool") || !json.contains("tool_frames")) {
+      return controller_frames_of(json, arguments.frames).X_FT;
+    }
+  }
+  const std::vector<const ProgramLanguage*>& languages = program_languages();
+  const auto of_companion = std::find_if(languages.begin(), languages.end(), [&](const ProgramLanguage* language) {
+    return language->companion == ending;  // $config.dat
+  });
+  const ProgramFrames frames =
+      read_program_frames(arguments.frames, of_companion != languages.end() ? **of_companion : *languages.front());
+  const auto tool = frames.tool.find(std::to_string(arguments.tool_number));
+  if (tool == frames.tool.end()) {
+    throw InputError(fmt::format("--frames: {} has no tool {}, expected that of --tool-number", arguments.frames,
+                                 arguments.tool_number));
+  }
+  return X_FP * tool->second;
+}
+
 // A tool whose orientation is not known has that of flange or faceplate.
-FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot, const Eigen::Isometry3d& X_FP) {
+FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot, const Controller& controller) {
   if (arguments.tool_touches.empty() && arguments.user_touches.empty() &&
       (arguments.result.empty() || arguments.controller.empty())) {
     throw InputError(
         "no touches, expected --tool-touches or --user-touches; or, for the targets of a calibration, --result and "
         "--controller");
   }
-  FrameTouches touches{.tool = {}, .user = {}, .user_points = {}, .X_FT = X_FP};
+  FrameTouches touches{.tool = {},
+                       .user = {},
+                       .user_points = {},
+                       .X_FT = arguments.controller.empty() ? Eigen::Isometry3d::Identity() : controller.X_FP};
   if (!arguments.frames.empty()) {
-    touches.X_FT = controller_frames_of(read_json(arguments.frames), arguments.frames).X_FT;
+    touches.X_FT = known_tool(arguments, controller.X_FP);
   }
   if (!arguments.tool_touches.empty()) {
     touches.tool = of_rows(configurations_of(robot, arguments.tool_touches, arguments.joint_convention));
@@ -107,7 +136,8 @@ Json touched_json(const TouchedFrame& found) {
 struct PendantFrame {
   bool is_tool = false;
   int number = 0;
-  std::string target;  // of the calibration; else it was touched
+  std::string target;     // of the calibration; else it was touched
+  bool is_turned = true;  // whether its orientation is known
   Eigen::Isometry3d frame;
   Eigen::VectorXd std;  // along and about the axes of world or faceplate
 
@@ -148,6 +178,7 @@ std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const
     frames.push_back({.is_tool = true,
                       .number = number,
                       .target = target,
+                      .is_turned = !target.empty() || !arguments.frames.empty(),
                       .frame = controller.X_FP.inverse() * tool.frame,
                       .std = tool.std(controller.X_FP.linear())});
   };
@@ -168,9 +199,13 @@ std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const
 }
 
 Json frames_json(const TouchedFrames& found, const std::vector<PendantFrame>& frames, const std::string& result) {
+  const bool is_turned = std::all_of(frames.begin(), frames.end(), [](const PendantFrame& f) { return f.is_turned; });
   Json json = Json::object();
   if (found.tool) {
     json["tool"] = touched_json(*found.tool);
+    if (!is_turned) {
+      json["tool"]["orientation"] = kNotMeasured;
+    }
   }
   if (found.user) {
     json["user"] = touched_json(*found.user);
@@ -179,6 +214,9 @@ Json frames_json(const TouchedFrames& found, const std::vector<PendantFrame>& fr
     Json& entry = json[frame.is_tool ? "tool_frames" : "user_frames"][std::to_string(frame.number)];
     entry = frame_json(frame.frame);
     entry["std"] = std_json(frame.std);
+    if (!frame.is_turned) {
+      entry["orientation"] = kNotMeasured;
+    }
     if (!frame.target.empty()) {
       entry["target"] = frame.target;
     }
@@ -209,6 +247,9 @@ std::string rows(const PendantFrame& frame) {
   const Index of_rotations = frame.std.size() - 3;
   return numbers_row(frame.name() + " X Y Z [mm]", numbers.head<3>(), frame.std.head<3>(), kMillimetre) +
          numbers_row(frame.name() + " W P R [deg]", numbers.tail<3>(), frame.std.tail(of_rotations), kDegree) +
+         (frame.is_turned
+              ? ""
+              : frame.name() + " W P R: not measured; a tool that has others keeps them, and needs --frames\n") +
          (frame.target.empty() ? "" : frame.name() + ": target " + frame.target + "\n");
 }
 
@@ -292,8 +333,7 @@ ExitStatus run(const FramesArguments& arguments) {
   const Controller controller = is_described ? read_controller(arguments.controller) : controller_of_robot(robot);
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
   require_writable(files, arguments.force);
-  const TouchedFrames found = touched_frames(
-      basis, touches_of(arguments, robot, is_described ? controller.X_FP : Eigen::Isometry3d::Identity()));
+  const TouchedFrames found = touched_frames(basis, touches_of(arguments, robot, controller));
   const std::vector<PendantFrame> frames = pendant_frames(arguments, controller, basis, found);
   files.front().text = json_text(frames_json(found, frames, arguments.result));
   write_whole(files, arguments.force,
@@ -322,7 +362,8 @@ Subcommand add_frames(CLI::App& parser) {
            "Joint values at which the tip touches points of the user frame (CSV): with their coordinates x, y, z, or "
            "the origin, a point on the x axis, and points in the x-y plane with y above 0");
   add_file(*app, "--frames", arguments->frames,
-           "The tool, where it is known: JSON as written by --output [the flange]");
+           "The tool, where it is known: JSON as written by --output, or --tool-number of a controller's file "
+           "(SYSFRAME.VA, $config.dat) [the flange]");
   add_file(*app, "--joint-convention", arguments->joint_convention,
            "Joint values are the controller's, which this file turns into the URDF's");
   add_file(*app, "--controller", arguments->controller,

@@ -116,7 +116,11 @@ TEST_F(Apply, RefusesWhatWouldMixTheRobotBeforeAndAfterTheEntry) {
   EXPECT_THAT(run(words_of("validate --result a.json --measurements m.csv")).err,
               HasSubstr("--measurements: were taken before the mastering of a.json was entered"));
   succeed(words_of("report --result a.json --output a.html"));
-  EXPECT_THAT(run(words_of("apply --result a.json --mastering-entered entered.csv --output b.json")).err,
+  succeed(words_of("apply --result r.json --mastering-entered entered.csv --output c.json --output-urdf c.urdf"));
+  write("weld.ls", "/PROG  T\n/MN\n/POS\n/END\n");
+  EXPECT_THAT(run(words_of("compensate --result c.json --urdf c.urdf --program weld.ls --output c.ls")).err,
+              HasSubstr("expected the URDF that was calibrated, not a corrected one"));
+  EXPECT_THAT(run(words_of("apply --result a.json --mastering-entered entered.csv --output d.json")).err,
               HasSubstr("a.json is the result after entered.csv already"));
   for (const char* results : {"r.json a.json", "a.json r.json"}) {
     const Outcome compared = run(words_of(std::string("compare ") + results));

@@ -215,6 +215,8 @@ TEST_F(ProgramFiles, TakeFramesThatWereTouched) {
   EXPECT_NEAR(json["tool_frames"]["2"]["position"][0], json["tool"]["position"][2], 1e-12);
   // Nothing says how the tool is turned: as the faceplate.
   EXPECT_NEAR(json["tool_frames"]["2"]["quaternion_wxyz"][0], 1.0, 1e-12);
+  EXPECT_EQ(json["tool_frames"]["2"]["orientation"], "not measured");
+  EXPECT_THAT(outcome.out, HasSubstr("UTOOL[2] W P R: not measured"));
   // Without a description these are the frames of the controller that comes with the robot.
   const std::string touches =
       "frames --result r.json --tool-touches tip.csv --user-touches fixture.csv --tool-number 2 --user-number 3 ";
@@ -226,6 +228,34 @@ TEST_F(ProgramFiles, TakeFramesThatWereTouched) {
   write("IN.LS", program("UF : 3, UT : 2", Vector3d(100, 100, 100)));
   const Outcome compensated = run(kCompensate + Words{"--frames", "f.json"});
   EXPECT_EQ(compensated.err.find("is not known"), std::string::npos) << compensated.err;
+  EXPECT_THAT(compensated.err, HasSubstr("f.json: UT 2 is turned as the flange, because touches find only its origin"));
+  EXPECT_THAT(run(words_of("compensate --result r.json --poses none.csv --output o.csv --frames f.json")).err,
+              ::testing::Not(HasSubstr("is turned")));
+  write("poses.csv", "x,y,z,qw,qx,qy,qz\n1,1,1,1,0,0,0\n");
+  EXPECT_THAT(run(words_of("compensate --result r.json --poses poses.csv --output o.csv --frames f.json")).err,
+              HasSubstr("f.json: the tool is turned as the flange"));
+  // The tool of the controller's backup, or of a file in its frames, has the orientation: about the flange's y and x as
+  // the faceplate's x and z say.
+  write("SYSFRAME.VA",
+        "[*SYSTEM*]$MNUTOOL  Storage: CMOS  Access: RW  : ARRAY[1,10] OF POSITION\n [1,2] =\n"
+        "   Group: 1   Config: N D B, 0, 0, 0\n   X:   100.000   Y:    20.000   Z:   400.000\n"
+        "   W:     0.000   P:    30.000   R:     0.000\n");
+  write(
+      "tools.json",
+      R"({"tool_frames": {"2": {"position": [0.1, 0.02, 0.4], "quaternion_wxyz": [0.9659258262890683, 0, 0.25881904510252074, 0]}}})");
+  for (const char* known : {"SYSFRAME.VA", "tools.json"}) {
+    const Outcome turned =
+        run(words_of(touches + "--force --output t.json --frames " + known + " --controller " + kController));
+    ASSERT_EQ(turned.status, 1) << turned.err;
+    EXPECT_THAT(turned.out, ::testing::Not(HasSubstr("not measured")));
+    const Json tool = json_of("t.json")["tool_frames"]["2"];
+    EXPECT_FALSE(tool.contains("orientation"));
+    EXPECT_NEAR(tool["quaternion_wxyz"][0], std::cos(15.0 * kDegree), 1e-9) << known;
+    EXPECT_NEAR(tool["quaternion_wxyz"][2], std::sin(15.0 * kDegree), 1e-9) << known;
+    EXPECT_EQ(tool["position"], json["tool_frames"]["2"]["position"]) << known;
+  }
+  expect_refused(words_of("frames --tool-touches tip.csv --output u.json --frames tools.json"),
+                 {"--frames: tools.json has no tool 1", "--tool-number"});
 }
 
 }  // namespace

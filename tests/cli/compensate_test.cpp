@@ -403,6 +403,10 @@ TEST_F(Compensate, WarnsOfAnotherConventionThanTheCalibrations) {
   succeed(words_of("simulate --configurations 20 --noise 3e-5 --output s.csv --joint-convention " + serial));
   succeed(words_of("calibrate --measurements s.csv --effects none --result s.json --joint-convention " + serial));
   write("p.csv", "configuration,J1[deg],J2[deg],J3[deg],J4[deg],J5[deg],J6[deg]\n1,5,10,15,20,25,30\n");
+  for (const char* option : {"--result", "--after"}) {
+    const Words bare = words_of("plan --configurations 12 --candidates 100 --starts 1 --force --output o.csv");
+    EXPECT_THAT(run(bare + Words{option, "s.json"}).err, HasSubstr("s.json was made with --joint-convention"));
+  }
   for (const auto& [convention, warns] : {std::pair{serial, false}, {kPendant, true}}) {
     const std::string with = " --joint-convention " + convention;
     for (const std::string& command :

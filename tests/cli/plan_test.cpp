@@ -545,7 +545,8 @@ TEST_F(PlanCommand, TheCellOfAPlanComesBackInTheCommandThatPlansMore) {
   for (const char* option : {"--result", "--after"}) {
     const Words of_result = {option, "r.json"};
     EXPECT_THAT(run(with(of_result)).err, HasSubstr("r.json was planned with " + note.substr(8)));
-    EXPECT_THAT(run(with(of_result + words_of("--least-height 0.2"))).err, Not(HasSubstr("was planned with")));
+    EXPECT_THAT(run(with(of_result + words_of("--least-height 0.2"))).err, HasSubstr("r.json was planned with"));
+    EXPECT_THAT(run(with(of_result + cell)).err, Not(HasSubstr("was planned with")));
   }
 }
 
