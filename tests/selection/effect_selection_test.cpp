@@ -157,8 +157,8 @@ TEST(EffectSelection, ChoosesTheCallersOwnEffectThatIsThere) {
 }
 
 /// An arm that warms up by 12 K and carries 0, 5 or 10 kg, with such an effect or none.
-Arm in_circumstances(unsigned seed, std::optional<EffectGroup> group, double size) {
-  Arm arm(fanuc(), seed, 60, {});
+Arm in_circumstances(unsigned seed, std::optional<EffectGroup> group, double size, int count = 60) {
+  Arm arm(fanuc(), seed, count, {});
   const DrivenConfigurations driven =
       simulated_signals(arm.model, arm.measured.joint_values, {}, {.circumstances = true, .seed = seed});
   Random random(6);
@@ -185,6 +185,31 @@ void expect_circumstances_found(unsigned seeds) {
 }
 
 TEST(EffectSelection, FindsWhatTemperatureAndPayloadDo) { expect_circumstances_found(1); }
+
+// A steel arm grows by 12 ppm/K: a dozen configurations show it. Rigid arms and those that sag have no such effect.
+TEST(EffectSelection, FindsThatAnArmGrowsInADozenConfigurations) {
+  for (const int count : {12, 16}) {
+    Arm warm = in_circumstances(70, std::nullopt, 0.0, count);
+    const DrivenConfigurations driven =
+        simulated_signals(warm.model, warm.measured.joint_values, {}, {.circumstances = true, .seed = 70});
+    warm.robot.model.effects = effect_terms(warm.model, EffectGroup::expansion, driven.joint_values, driven.signals);
+    warm.robot.truth.effects.resize(std::ssize(warm.robot.model.effects));
+    for (std::size_t e = 0; e < warm.robot.model.effects.size(); ++e) {
+      warm.robot.truth.effects[static_cast<Eigen::Index>(e)] = 12e-6 * warm.robot.model.effects[e].scale;
+    }
+    Random random(3);
+    warm.measured = testing::without_sigmas(measure(warm.robot, driven, {.sigma = 3e-5}, random));
+    const CalibrationResult found = calibrate(warm.model, warm.measured, automatic_of_few_terms());
+    EXPECT_THAT(found.selection.tried.front().effects, ElementsAre("expansion")) << count;
+
+    const Arm rigid = in_circumstances(71, std::nullopt, 0.0, count);
+    EXPECT_THAT(calibrate(rigid.model, rigid.measured, automatic_of_few_terms()).model.effects, IsEmpty()) << count;
+    const Arm sagging = in_circumstances(72, EffectGroup::gravity, 3e-4, count);
+    const CalibrationResult bent = calibrate(sagging.model, sagging.measured, automatic_of_few_terms());
+    EXPECT_THAT(bent.selection.tried.front().effects, ElementsAre("gravity")) << count;
+  }
+}
+
 TEST(EffectSelectionLongRun, FindsWhatTemperatureAndPayloadDo) { expect_circumstances_found(8); }
 
 // Where nothing is chosen, they are part of the model whether they help or not, beside the groups asked for.
