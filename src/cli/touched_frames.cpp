@@ -91,6 +91,21 @@ Eigen::Isometry3d known_tool(const FramesArguments& arguments, const Eigen::Isom
   return X_FP * tool->second;
 }
 
+// Whether --frames says how the tool is turned: not if touches found it.
+bool states_orientation(const FramesArguments& arguments) {
+  if (lower_case(std::filesystem::path(arguments.frames).extension().string()) != ".json") {
+    return !arguments.frames.empty();
+  }
+  const auto member_of = [](const Json& object, const std::string& key) {
+    return object.is_object() && object.contains(key) ? object[key] : Json();
+  };
+  const Json json = read_json(arguments.frames);
+  const Json tool = json.contains("tool")
+                        ? json["tool"]
+                        : member_of(member_of(json, "tool_frames"), std::to_string(arguments.tool_number));
+  return tool.is_object() && text_at(tool, "orientation") != kNotMeasured;
+}
+
 // A tool whose orientation is not known has that of flange or faceplate.
 FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot, const Controller& controller) {
   if (arguments.tool_touches.empty() && arguments.user_touches.empty() &&
@@ -178,7 +193,7 @@ std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const
     frames.push_back({.is_tool = true,
                       .number = number,
                       .target = target,
-                      .is_turned = !target.empty() || !arguments.frames.empty(),
+                      .is_turned = !target.empty() || states_orientation(arguments),
                       .frame = controller.X_FP.inverse() * tool.frame,
                       .std = tool.std(controller.X_FP.linear())});
   };

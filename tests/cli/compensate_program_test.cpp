@@ -223,8 +223,10 @@ TEST_F(ProgramFiles, TakeFramesThatWereTouched) {
   const Outcome bare = run(words_of(touches + "--output bare.json"));
   EXPECT_THAT(bare.out, AllOf(::testing::Not(HasSubstr("UFRAME")), HasSubstr("tool in flange, user in base_link")));
   EXPECT_EQ(json_of("bare.json")["user_frames"], json["user_frames"]);
-  // kdlcal frames and compensate read the file.
+  // kdlcal frames and compensate read the file. A tool that touches found is not turned by reading it again.
   EXPECT_EQ(run(words_of("frames --user-touches fixture.csv --frames f.json --output g.json")).status, 0);
+  run(words_of(touches + "--frames f.json --output h.json"));
+  EXPECT_EQ(json_of("h.json")["tool_frames"]["2"]["orientation"], "not measured");
   write("IN.LS", program("UF : 3, UT : 2", Vector3d(100, 100, 100)));
   const Outcome compensated = run(kCompensate + Words{"--frames", "f.json"});
   EXPECT_EQ(compensated.err.find("is not known"), std::string::npos) << compensated.err;
