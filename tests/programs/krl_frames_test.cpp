@@ -187,6 +187,8 @@ TEST(KrlFrames, FollowCalls) {
 TEST(KrlFrames, MayBeSetByRoutinesElsewhere) {
   EXPECT_THAT(uncertain(kTool1 + "GRIP(1)\n" + kPose + kTool1 + kPose), ElementsAre(4));
   EXPECT_THAT(frames(kTool1 + "GRIP(1)\n" + kPose), ElementsAre("1 0"));
+  EXPECT_THAT(uncertain(kTool1 + "DEEP()\n" + kPose + "END\nDEF DEEP()\nGRIP(1)\nEND\n"), ElementsAre(4))
+      << "through a routine that is here";
   EXPECT_THAT(uncertain(kTool1 + "PULSE($OUT[1],TRUE,0.5)\nIF (A==1) THEN\nWAIT FOR ($IN[1])\nENDIF\n" + kPose),
               IsEmpty());
   EXPECT_THAT(uncertain(kTool1 + "INTERRUPT DECL 4 WHEN $IN[1]==TRUE DO STOPPED(1)\nEND\nDEF STOPPED(N:IN)\n" + kPose +
@@ -244,6 +246,21 @@ TEST(KrlFrames, ReadsToolsAndBasesOfAController) {
   EXPECT_FALSE(frames.user.contains("2")) << "a turntable moves it";
   EXPECT_THAT(frames.moving_user, ::testing::ElementsAre("2"));
   EXPECT_TRUE(frames.user.contains("3"));
+}
+
+TEST(KrlFrames, ReadsToolsAndBasesThatAreSystemVariables) {
+  const ProgramFrames frames = kuka_krl().read_frames(
+      "DEFDAT $CONFIG\n$BASE_DATA[1]={X 0,Y 500,Z 0,A 90,B 0,C 0}\n$TOOL_DATA[1]={X 0,Y 0,Z 100,A 0,B 0,C 0}\n"
+      "$TOOL_DATA[2]={X 20,Y 0,Z 0,A 0,B 90,C 0}\nENDDAT\n",
+      "$config.dat");
+  ASSERT_EQ(frames.tool.size(), 2U);
+  ASSERT_EQ(frames.user.size(), 1U);
+  const auto moved = [](double x, double y, double z) { return Eigen::Isometry3d(Eigen::Translation3d(x, y, z)); };
+  EXPECT_TRUE(frames.tool.at("1").isApprox(moved(0, 0, 0.1), 1e-12));
+  EXPECT_TRUE(frames.tool.at("2").isApprox(
+      moved(0.02, 0, 0) * Eigen::AngleAxisd(90 * kDegree, Eigen::Vector3d::UnitY()), 1e-12));
+  EXPECT_TRUE(frames.user.at("1").isApprox(moved(0, 0.5, 0) * Eigen::AngleAxisd(90 * kDegree, Eigen::Vector3d::UnitZ()),
+                                           1e-12));
 }
 
 TEST(KrlFrames, RefusesFilesWithoutFrames) {

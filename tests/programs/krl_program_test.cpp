@@ -389,6 +389,10 @@ TEST(KrlProgram, LeavesPlacesOfAToolInTheCell) {
     EXPECT_THAT(remark.what, HasSubstr("#TCP"));
     EXPECT_THAT(remark.lines, remark.file == 0 ? ElementsAre(8) : ElementsAre(2));
   }
+  const Program untold = parsed(routine("PTP XP1\n"), data("POS XP1={X 1,Y 2,Z 3,A 4,B 5,C 6}\n"
+                                                           "FDAT FP1={TOOL_NO 0,BASE_NO 0,IPO_FRAME #TCP}\n"));
+  EXPECT_THAT(names(untold), IsEmpty()) << "the text has no $IPO_MODE: that of the FDAT";
+  EXPECT_THAT(remarked(untold, "#TCP states points relative to a tool that stands in the cell"), ElementsAre(2));
 }
 
 TEST(KrlProgram, LeavesPointsThatAreUsedWithTwoToolsOrBases) {
@@ -410,6 +414,25 @@ TEST(KrlProgram, LeavesPointsInFramesThatAreSetAtRunTime) {
   EXPECT_THAT(remarked(program, "$TOOL or $BASE is set at run time"), ElementsAre(3, 5, 11));
   EXPECT_THAT(remarked(program, "couples the base"), ElementsAre(7));
   EXPECT_THAT(remarked(program, "tool or base is known at run time only"), ElementsAre(8, 12));
+}
+
+TEST(KrlProgram, TakesNoNumberOfAnFdatThatTheProgramChanges) {
+  const Program program =
+      parsed(routine("BAS(#INITMOV,0)\n$BASE=$NULLFRAME\nFP1.TOOL_NO=2\nBAS(#TOOL,FP1.TOOL_NO)\nPTP XP1\n"),
+             data("POS XP1={X 1,Y 2,Z 3,A 4,B 5,C 6}\nFDAT FP1={TOOL_NO 0,BASE_NO 0,IPO_FRAME #BASE}\n"));
+  EXPECT_THAT(names(program), IsEmpty());
+  EXPECT_THAT(remarked(program, "$TOOL or $BASE is set at run time"), ElementsAre(5));
+  EXPECT_THAT(remarked(program, "tool or base is known at run time only"), ElementsAre(2));
+}
+
+TEST(KrlProgram, KeepsNoFramesOfTheFdatBeforeOneOfAnotherFile) {
+  const Program program = parsed(routine("BAS(#INITMOV,0)\nFDAT_ACT=FP1\nBAS(#PTP_PARAMS,100)\nPTP XP1\n"
+                                         "FDAT_ACT=FHOME\nBAS(#PTP_PARAMS,100)\nPTP {X 3,Y 2,Z 3,A 4,B 5,C 6}\n"),
+                                 data("POS XP1={X 1,Y 2,Z 3,A 4,B 5,C 6}\n"
+                                      "FDAT FP1={TOOL_NO 4,BASE_NO 5,IPO_FRAME #BASE}\n"));
+  EXPECT_THAT(names(program), ElementsAre("XP1"));
+  EXPECT_EQ(frames(point(program, "XP1")), "4 5");
+  EXPECT_THAT(remarked(program, "tool or base is known at run time only"), ElementsAre(8));
 }
 
 TEST(KrlProgram, StatesNoFrameWhereTheTextSetsNone) {
