@@ -82,6 +82,7 @@ TEST(RapidCalls, OfOtherFilesMayChangePointsThatAreNoConstants) {
     return result;
   };
   EXPECT_THAT(lines("Elsewhere p1;\nElsewhere 3,p2\\Slow;\n", ""), ElementsAre(7U, 8U));
+  EXPECT_THAT(lines("TEST n\nCASE 1: Elsewhere p1;\nENDTEST\nagain: Elsewhere p2;\n", ""), ElementsAre(8U, 10U));
   EXPECT_THAT(lines("Elsewhere Offs(p1,0,0,9);\nElsewhere p1.trans;\nSet do1;\nElsewhere;\n", ""), IsEmpty());
   EXPECT_THAT(lines("Here p1;\n", "PROC Here(robtarget it)\nENDPROC\n"), IsEmpty());
   EXPECT_THAT(lines("Elsewhere fixed;\nMoveL fixed,v1,fine,tool0;\n", "CONST robtarget fixed:=" + kNumbers + ";\n"),

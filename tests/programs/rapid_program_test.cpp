@@ -451,6 +451,12 @@ TEST(RapidProgram, SaysWhyARobtargetIsLeft) {
        "a robtarget or jointtarget is made of other data or computed: left as it is: 2"},
       {"CONST robtarget p:=[[0,0,0],[1,0,0,0],conf,[9E9,9E9,9E9,9E9,9E9,9E9]];\n", "MoveL p,v1,fine,tool0;\n",
        "a robtarget or jointtarget is made of other data or computed: left as it is: 2"},
+      {"VAR confdata c:=[0,0,0,0];\n",
+       "c.cf6:=-1;\nMoveJ [[0,0,0],[1,0,0,0],c,[9E9,9E9,9E9,9E9,9E9,9E9]],v1,fine,tool0;\n",
+       "a robtarget or jointtarget is made of other data or computed: left as it is: 5"},
+      {"VAR extjoint e:=[5,9E9,9E9,9E9,9E9,9E9];\n",
+       "e.eax_a:=6;\nMoveJ [[0,0,0],[1,0,0,0],[0,0,0,0],e],v1,fine,tool0;\n",
+       "a robtarget or jointtarget is made of other data or computed: left as it is: 5"},
   };
   for (const RemarkRow& row : rows) {
     const Program program = parsed(module(row.declarations, row.statements));
@@ -527,6 +533,8 @@ TEST(RapidProgram, FindsTargetsAndToolsByTheOrderOfArguments) {
       "MoveJ p\\ID:=5,v1\\V:=100,z1\\Inpos:=inpos20,t\\WObj:=w\\TLoad:=l;",
       "MoveL p,[100,500,5000,1000],[FALSE,0.3,0.3,0.3,0.03,0.3,0.03],t\\WObj:=w;",
       "MoveLDO p,v1,fine,t\\WObj:=w,do1,1;",
+      "MoveLAO p,v1,fine,t\\WObj:=w,ao1,5;",
+      "MoveJAO p,v1,fine,t\\WObj:=w,ao1,5;",
       "MoveJGO p,v1,fine,t\\WObj:=w,go1\\Value:=3;",
       "MoveLSync p,v1,fine,t\\WObj:=w,\"a \"\"routine\"\"\";",
       "TriggL p,v1,t1\\T2:=t2,fine,t\\WObj:=w;",
@@ -549,13 +557,16 @@ TEST(RapidProgram, FindsTargetsAndToolsByTheOrderOfArguments) {
     ASSERT_THAT(program.motions, SizeIs(1)) << instruction;
     EXPECT_EQ(program.motions[0].is_straight, instruction.find("J") == std::string::npos) << instruction;
   }
-  for (const char* circle : {"MoveC p,q,v1,z1,t;", "TriggC p,q,v1,t1,z1,t;", "ArcC p,q,v1,seam1,weld1,z1,t;",
-                             "SearchC di1,found,p,q,v1,t;", "MoveCDO p,q,v1,z1,t,do1,1;"}) {
+  for (const char* circle :
+       {"MoveC p,q,v1,z1,t;", "TriggC p,q,v1,t1,z1,t;", "ArcC p,q,v1,seam1,weld1,z1,t;", "SearchC di1,found,p,q,v1,t;",
+        "MoveCDO p,q,v1,z1,t,do1,1;", "MoveCAO p,q,v1,z1,t,ao1,5;"}) {
     const Program program =
         parsed(module("CONST robtarget p:=" + target() + ";CONST robtarget q:=" + target() + ";\n", circle));
     ASSERT_THAT(program.motions, SizeIs(2)) << circle;
     EXPECT_EQ(program.motions[0].point, 0U) << circle;
     EXPECT_EQ(program.motions[1].point, 1U) << circle;
+    EXPECT_EQ(program.points.at(0).tool_frame, "t") << circle;
+    EXPECT_EQ(program.points.at(1).tool_frame, "t") << circle;
   }
   // A routine of the program, and instructions that only look like motions.
   const Program own =
