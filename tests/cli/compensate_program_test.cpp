@@ -1,10 +1,15 @@
 // kdlcal compensate --program, and frames for it: kdlcal frames --controller.
 
 #include <fmt/core.h>
+#include <Eigen/Core>
+#include <set>
+#include <utility>
 
 #include "base/sha256.hpp"
 #include "cli_options_support.hpp"
 #include "json_support.hpp"
+#include "kdl_calibration/compensation.hpp"
+#include "kdl_calibration/result_file.hpp"
 #include "support.hpp"
 
 namespace kdl_calibration::testing::compensate_program_test {
@@ -149,6 +154,37 @@ TEST_F(ProgramFiles, OfKukaAreNotCompensatedAgainByTheOtherFile) {
     expect_refused({"compensate", "--result", "r.json", "--program", again, "--output", "two.src"},
                    {"compensated already"});
   }
+  // One of both files alone is enough: the routine was edited, the points are the compensated ones.
+  write("one.src", text_of("one.src") + "; edited\n");
+  expect_refused({"compensate", "--result", "r.json", "--program", "one.src", "--output", "two.src"},
+                 {"one.dat: this program is compensated already, expected the original"});
+}
+
+TEST_F(ProgramFiles, AreCompensatedForThePayloadAndTheTemperature) {
+  succeed(
+      words_of("simulate --configurations 30 --noise 3e-5 --length-sigma 0.001 --angle-sigma 0.001 --effects "
+               "payload,expansion --output e.csv"));
+  succeed(words_of("calibrate --measurements e.csv --effects payload,expansion --prior none --result e.json"));
+  write("k.src", "DEF k()\nPTP {A1 10.0,A2 -10.0,A3 15.0,A4 5.0,A5 30.0,A6 2.0}\nEND\n");
+  const Calibration found = load_calibration(directory / "e.json", fanuc());
+  const Eigen::VectorXd asked = (Eigen::VectorXd(6) << 10.0, -10.0, 15.0, 5.0, 30.0, 2.0).finished() * kDegree;
+  std::set<std::string> written;
+  for (const auto& [options, circumstances] : std::vector<std::pair<std::string, Circumstances>>{
+           {"", {}},
+           {" --payload 10", {.payload = 10.0}},
+           {" --temperature 25", {.temperature = 25.0}},
+           {" --payload 0 --temperature 30", {.temperature = 30.0, .payload = 0.0}}}) {
+    const Json record =
+        run_json(words_of("compensate --result e.json --program k.src --output out.src --force --json" + options));
+    const Eigen::VectorXd commanded = Compensator(found.at(circumstances)).solve(asked).joint_values;
+    for (std::size_t i = 0; i < 6; ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      EXPECT_NEAR(record["positions"][0]["change"][i], commanded[k] - asked[k], 1e-9) << options << i;
+      EXPECT_THAT(text_of("out.src"), HasSubstr(fmt::format("A{} {:.4f}", i + 1, commanded[k] / kDegree))) << options;
+    }
+    written.insert(text_of("out.src"));
+  }
+  EXPECT_EQ(written.size(), 4U);
 }
 
 // At zero the faceplate's x, y and z point along the flange's z, x and y: so do the numbers of UTOOL.
