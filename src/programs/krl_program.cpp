@@ -2,7 +2,6 @@
 
 #include <fmt/core.h>
 #include <algorithm>
-#include <array>
 #include <numbers>
 #include <utility>
 
@@ -135,20 +134,6 @@ ProgramPoint point_of(const Candidate& candidate, const krl::FrameValues& frames
   return point;
 }
 
-// Controllers write E1 to E6 for axes that are not there.
-void drop_absent_axes(std::vector<ProgramPoint>& points) {
-  std::array<bool, 7> is_there{};
-  for (const ProgramPoint& point : points) {
-    for (const ExternalValue& external : point.external) {
-      is_there[static_cast<std::size_t>(external.axis)] |= external.value != 0.0;
-    }
-  }
-  for (ProgramPoint& point : points) {
-    std::erase_if(point.external,
-                  [&](const ExternalValue& external) { return !is_there[static_cast<std::size_t>(external.axis)]; });
-  }
-}
-
 Program parse(const std::vector<ProgramText>& texts) {
   const krl::Symbols symbols(texts);
   krl::FrameValues frames(symbols);
@@ -168,7 +153,6 @@ Program parse(const std::vector<ProgramText>& texts) {
       notes.add(Note::accurate_robot, candidate.place.file, candidate.place.line);
     }
   }
-  drop_absent_axes(program.points);
   for (const krl::ReadMotion& motion : read.motions) {
     const std::optional<std::size_t> point = motion.symbol         ? of_symbol[*motion.symbol]
                                              : motion.inline_point ? of_inline[*motion.inline_point]

@@ -630,6 +630,26 @@ TEST(ExternalAxes, AreAllStated) {
   EXPECT_EQ(compensated(bent(1e-3), text).positions.front().point.status, CompensationStatus::exact);
 }
 
+// KUKA's controllers write zeros for axes that there are not, too.
+TEST(ExternalAxes, OfKukaMayStandAtZeroEverywhere) {
+  const Calibration found = bent_on_rail(1e-3);
+  const Compensator compensator(found, {.held = {"rail", "turn"}});
+  Controller on_axes = controller_of_links(on_rail());
+  on_axes.external_axes = {{1, {"rail"}}, {2, {"turn"}}};
+  const std::string rest = "E1 0.0,E2 0.0,E3 0.0,E4 0.0,E5 0.0,E6 0.0}\n";
+  const std::string text = "DEF a()\nPTP {A1 10,A2 -10,A3 15,A4 5,A5 30,A6 2," + rest +
+                           "PTP {A1 20,A2 -10,A3 15,A4 5,A5 30,A6 2," + rest + "END\n";
+  const CompensatedProgram result = testing::compensated(on_rail(), compensator, on_axes, {{"a.src", text}});
+  ASSERT_THAT(result.positions, SizeIs(2));
+  for (std::size_t i = 0; i < 2; ++i) {
+    const VectorXd arm = (VectorXd(6) << (i == 0 ? 10 : 20), -10, 15, 5, 30, 2).finished() * kDegree;
+    EXPECT_TRUE(result.positions[i].written);
+    EXPECT_LT((result.positions[i].point.joint_values - compensator.solve(rail_joints(0, 0, arm)).joint_values).norm(),
+              1e-12);
+  }
+  EXPECT_THAT(result.texts.front(), AllOf(HasSubstr("," + rest + "PTP"), HasSubstr("," + rest + "END")));
+}
+
 TEST(ExternalAxes, StayOutOfItWhereTheyDoNotCarryTheArm) {
   const Calibration found = bent(1e-3);
   const std::string pose = cartesian(1, "UF : 0, UT : 0", "N U T, 0, 0, 0", kPose);

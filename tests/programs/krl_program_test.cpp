@@ -160,7 +160,7 @@ TEST(KrlProgram, ReadsTaughtPointsInTheFramesOfTheirMotions) {
   EXPECT_EQ(first.fields[0].decimals, 3);
   EXPECT_EQ(first.fields[3].decimals, 7);
   EXPECT_EQ(first.fields[4].decimals, 4);
-  EXPECT_THAT(first.external, IsEmpty()) << "the robot has none";
+  EXPECT_THAT(first.external, SizeIs(6));
   EXPECT_THAT(remarked(program, "another file declares"), ElementsAre(19)) << "XHOME is in $config.dat";
   EXPECT_THAT(program.remarks, SizeIs(1));
   EXPECT_TRUE(program.frames.user.at("0").isApprox(Eigen::Isometry3d::Identity()));
@@ -306,15 +306,19 @@ TEST(KrlProgram, ChangesNoOtherByteThanNumbersOfPoints) {
   EXPECT_THAT(changed, ElementsAre(src, expected));
 }
 
-TEST(KrlProgram, KeepsExternalAxesThatMove) {
+// Whether one that is zero everywhere is there, the user says.
+TEST(KrlProgram, ReadsExternalAxes) {
   const Program program = parsed("", data("E6AXIS XA={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 250.5,E2 0.0}\n"
                                           "E6AXIS XB={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 0.0,E2 0.0}\n"));
   for (const auto& [name, value] : {std::pair("XA", 250.5), std::pair("XB", 0.0)}) {
     const ProgramPoint& each = point(program, name);
-    ASSERT_THAT(each.external, SizeIs(1)) << name;
-    EXPECT_EQ(each.external[0].axis, 1);
-    EXPECT_EQ(each.external[0].value, value);
-    EXPECT_FALSE(each.external[0].is_length.has_value());
+    ASSERT_THAT(each.external, SizeIs(2)) << name;
+    for (const int axis : {1, 2}) {
+      const ExternalValue& external = each.external[static_cast<std::size_t>(axis - 1)];
+      EXPECT_EQ(external.axis, axis);
+      EXPECT_EQ(external.value, axis == 1 ? value : 0.0);
+      EXPECT_FALSE(external.is_length.has_value());
+    }
   }
 }
 
