@@ -22,11 +22,12 @@ constexpr std::array kCartesian = {"X", "Y", "Z", "W", "P", "R"};
 constexpr std::array kJoints = {"J1", "J2", "J3", "J4", "J5", "J6"};
 
 // Why a position stays as it is.
-enum class Left : std::uint8_t { untaught, remote_tool, other_groups };
+enum class Left : std::uint8_t { untaught, remote_tool, other_groups, perhaps_increment };
 constexpr std::array kLeftBecause = {
     "******** marks positions that are not taught: left as they are",
     "RX RY RZ state positions relative to a tool that stands in the cell (remote TCP): left as they are",
-    "positions without GP1 are those of other motion groups: left as they are"};
+    "positions without GP1 are those of other motion groups: left as they are",
+    "positions that INC may take as increments at run time, and that no motion names as a place: left as they are"};
 
 // What is read of a position.
 struct ReadPosition {
@@ -45,9 +46,10 @@ public:
   // `motions`: their positions by number.
   void read(Program& program, const std::vector<LsMotion>& motions) {
     for (const LsMotion& motion : motions) {
-      if (motion.is_increment && motion.position) {
-        increments_.insert(*motion.position);
+      if (motion.position) {
+        (motion.is_increment ? increments_ : places_).insert(*motion.position);
       }
+      any_may_be_increment_ = any_may_be_increment_ || (motion.is_increment && motion.is_indirect);
     }
     program.points.reserve(motions.size());
     for (skip_blanks(); !at_end() && !starts("/END"); skip_blanks()) {
@@ -72,6 +74,10 @@ private:
 
   // A position that a motion with INC uses is no place, but an increment: it stays as it is.
   void add(ReadPosition read, Program& program) {
+    const bool is_named = increments_.contains(read.number) || places_.contains(read.number);
+    if (!read.left && any_may_be_increment_ && !is_named) {
+      read.left = Left::perhaps_increment;
+    }
     const bool is_point = !read.left && !increments_.contains(read.number);
     const Found found{.point = is_point ? std::optional(program.points.size()) : std::nullopt,
                       .is_untaught = read.left == Left::untaught};
@@ -190,6 +196,8 @@ private:
   };
   std::unordered_map<int, Found> found_;  // by number
   std::unordered_set<int> increments_;
+  std::unordered_set<int> places_;  // that motions name
+  bool any_may_be_increment_ = false;
   std::array<std::vector<std::size_t>, kLeftBecause.size()> left_;  // lines
   std::vector<std::size_t> missing_;                                // lines of motions
 };

@@ -12,10 +12,11 @@ namespace kdl_calibration {
 
 inline bool is_ls_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n'; }
 
-// A motion to P[position].
+// A motion to P[position], or to P[...] of a number that is known at run time only.
 struct LsMotion {
   ProgramMotion motion;
   std::optional<int> position;
+  bool is_indirect = false;   // P[R[...]]
   bool is_increment = false;  // INC: the position is a step, no place
 };
 

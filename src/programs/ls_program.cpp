@@ -25,6 +25,7 @@ namespace {
 enum class WordPlace : std::uint8_t {
   target,    // of a motion; a word begins with it
   option,    // of a motion
+  step,      // option of a motion to P[R[...]]
   assigned,  // left of =, if another value than a number is right of it; a word begins with it
   copied,    // a whole kind of assignment
   head       // before the statements, with another value than 0
@@ -51,6 +52,9 @@ constexpr std::array kRunTimeWords = std::to_array<RunTimeWord>({
     {WordPlace::option, "Tool_Offset", "Tool_Offset", kShift},
     {WordPlace::option, "VOFFSET", "VOFFSET", kShift},
     {WordPlace::option, "INC", "INC", "makes a position an increment: left as it is"},
+    {WordPlace::step, "INC", "INC",
+     "makes a position that is known at run time only an increment: positions that no motion names as a place are left "
+     "as they are"},
     {WordPlace::option, "COORD", "COORD",
      "moves relative to another motion group: positions are compensated, the path between them is not checked"},
     {WordPlace::option, "RTCP", "RTCP",
@@ -209,11 +213,14 @@ private:
       if (kind == 'C' && is_place(word) && motions_.size() == first + 1) {
         add_motion(kind, word, words.line());
       } else if (const RunTimeWord* option = run_time_word(WordPlace::option, word)) {
-        note(option, words.line());
+        bool is_step = false;
         for (std::size_t i = first; i < motions_.size(); ++i) {
-          motions_[i].motion.is_known = false;
-          motions_[i].is_increment = motions_[i].is_increment || word == "INC";
+          LsMotion& each = motions_[i];
+          each.motion.is_known = false;
+          each.is_increment = each.is_increment || word == "INC";
+          is_step = is_step || (word == "INC" && each.is_indirect);
         }
+        note(is_step ? run_time_word(WordPlace::step, word) : option, words.line());
       }
     }
   }
@@ -230,6 +237,7 @@ private:
     if (place.starts_with("P[") && std::from_chars(digits, place.data() + place.size(), number).ptr != digits) {
       motion.position = number;
     }
+    motion.is_indirect = place.starts_with("P[") && !motion.position;
     note(unknown, line);
     motions_.push_back(motion);
   }

@@ -317,6 +317,27 @@ TEST(LsProgram, ReadsAPositionAtWhichTheControllerStands) {
               ElementsAre(HasSubstr("IN.LS:6: COORD moves relative to another motion group")));
 }
 
+// Which position is the increment, the controller finds at run time.
+TEST(LsProgram, LeavesPositionsThatMayBeIncrements) {
+  const std::string positions = joints(1, kAtPose) + joints(2, kAtPose);
+  const std::string step = "   1:J P[1] 100% FINE    ;\n   2:L P[R[1]] 50mm/sec FINE INC    ;\n";
+  const CompensatedProgram result = compensated(bent(1e-3), program(positions, step));
+  ASSERT_THAT(result.positions, SizeIs(1));
+  EXPECT_EQ(result.positions.front().name, "P[1]");
+  EXPECT_THAT(result.texts.front(), HasSubstr(joints(2, kAtPose)));
+  EXPECT_THAT(result.warnings,
+              ElementsAre(HasSubstr("IN.LS:7: P[R[...]] holds a place"),
+                          HasSubstr("IN.LS:7: INC makes a position that is known at run time only an increment"),
+                          HasSubstr("IN.LS:15: positions that INC may take as increments at run time")));
+  for (const std::string& others :
+       {step + "   3:L P[2] 50mm/sec FINE    ;\n", std::string("   1:L P[R[1]] 50mm/sec FINE    ;\n"),
+        std::string("   1:L PR[1] 50mm/sec FINE INC    ;\n")}) {
+    EXPECT_THAT(compensated(bent(1e-3), program(positions, others)).positions, SizeIs(2)) << others;
+  }
+  const std::string circle = "   1:C P[1]\n    :  P[AR[2]] 50mm/sec FINE INC    ;\n";
+  EXPECT_THAT(compensated(bent(1e-3), program(positions, circle)).positions, SizeIs(0));
+}
+
 TEST(LsProgram, ChoosesTheTurnsOfTheConfiguration) {
   const Calibration found = bent(1e-3);
   // J4 = 77.661 and J6 = -79.273 without a turn; each also within its limits of +-360 with one.
