@@ -222,6 +222,10 @@ TEST_F(ProgramFiles, TakeTheTargetsOfTheCalibrationAsTools) {
   others["calibration"] = nullptr;
   write("f.json", others.dump());
   EXPECT_THAT(run(kCompensate + Words{"--force", "--frames", "f.json"}).err, HasSubstr("found with the nominal robot"));
+  write("F.JSON", others.dump());
+  const Outcome in_capitals = run(kCompensate + Words{"--force", "--frames", "F.JSON"});
+  EXPECT_EQ(in_capitals.status, 0);
+  EXPECT_THAT(in_capitals.err, HasSubstr("found with the nominal robot"));
   expect_refused(words_of("frames --output g.json --controller " + kController), {"--tool-touches", "--result"});
   expect_refused(words_of("frames --result r.json --output g.json --user-number 2"),
                  {"--user-touches", "--controller"});
