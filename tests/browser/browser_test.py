@@ -501,8 +501,13 @@ class Pages(unittest.TestCase):
             if offset["measurable"]:
                 half = math.degrees((offset["interval_95"][1] - offset["interval_95"][0]) / 2)
                 add = math.degrees(offset["add"])
-                expected = [signed(add, 3), "°", signed(add, 5), f"± {half:.5f}", signed(math.degrees(offset["add_if_only_these"]), 5), ""]
+                alone = signed(math.degrees(offset["add_if_only_these"]), 5)
+                is_shown = abs(add) > half  # that it is not zero
+                expected = [signed(add, 3) if is_shown else "–", "°", signed(add, 5), f"± {half:.5f}", alone,
+                            "" if is_shown else "may be zero: enter nothing"]
+                self.assertEqual(f"{offset['joint']}," in self.js("return document.querySelector('#enter code').textContent"), is_shown)
             self.assertEqual(row, [offset["joint"], *expected])
+        self.assertIn("You need not enter anything", self.js("return document.getElementById('enter').textContent"))
         # The controller's world is at the height of J2, 0.67 m above the base link.
         region = data["measured"]["region"]
         heights = [p["measured"] for p in data["measured"]["points"]]
@@ -516,6 +521,23 @@ class Pages(unittest.TestCase):
         rows = {row[0]: row[1:] for row in self.rows_of("accuracy table.accuracy")}
         for name, statistics in [("Train points", errors), ("Train means", errors["means"])]:
             self.assertEqual(rows[name], [short_number(statistics[k]) for k in ("rms", "mean", "p95", "max")] + [str(statistics["count"])])
+
+    def test_what_is_left_after_an_entry(self):
+        """Nothing that differs from zero is left to enter; the robot was as it was."""
+        pendant = pathlib.Path(ARGUMENTS.urdf_dir) / "fanuc_r2000ic_165f_pendant.json"
+        simulated(self.path, "p.csv", "--joint-convention", pendant, "--configurations", "25")
+        kdlcal(self.path, "calibrate", "--measurements", "p.csv", "--joint-convention", pendant, "--effects", "none", "--result", "p.json", "--report", "p.html")
+        data = self.check_calibration("p.html")
+        lines = ["joint,added,unit"] + [f"{o['joint']},{o['add']!r},rad" for o in data["result"]["joint_offsets"]["joints"] if o["measurable"]]
+        self.assertIn("as the robot is", self.js("return document.getElementById('verdict').textContent"))
+        (self.path / "entered.csv").write_text("\n".join(lines) + "\n")
+        kdlcal(self.path, "apply", "--result", "p.json", "--joint-convention", pendant, "--mastering-entered", "entered.csv", "--output", "entered.json")
+        kdlcal(self.path, "report", "--result", "entered.json", "--output", "entered.html")
+        self.check_page("entered.html", "calibration")
+        text = self.js("return document.getElementById('enter').textContent")
+        self.assertIn("Already entered: J2, J3, J4, J5", text)
+        self.assertIn("Nothing needs to be entered.", text)
+        self.assertIn("as the robot was", self.js("return document.getElementById('verdict').textContent"))
 
     def test_an_arm_whose_bearings_give_way(self):
         simulated(self.path, "tilted.csv", "--configurations", "70", "--effects", "transverse", "--effect-sigma", "0.0003")

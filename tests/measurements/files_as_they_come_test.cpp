@@ -248,7 +248,8 @@ TEST(FilesAsTheyCome, AreRefusedWithTheCureWhereTheyMayMeanTwoThings) {
       {header + ";X [mm]\n", "m.csv:1: column 'X [mm]' repeats 'x'"},
       {header + ";Joint_1\n", "m.csv:1: column 'Joint_1' repeats 'joint_1'"},
       {header + ";config\n", "m.csv:1: column 'config' repeats 'configuration'"},
-      {"configuration,target,J1(deg),J2(deg),x,y,z\n", "m.csv:1: unknown column 'J1(deg)' (controller's joint names need --joint-convention): expected configuration"},
+      {"configuration,target,J1(deg),J2(deg),x,y,z\n",
+       "m.csv:1: unknown column 'J1(deg)' (controller's joint names need --joint-convention): expected configuration"},
       {"configuration,target,joint_1(grad),joint_2,x,y,z\n",
        "m.csv:1: unknown unit 'grad' in column 'joint_1(grad)': expected [rad], [deg], [m], [mm]"},
       // Units in a row.
