@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/text.hpp"
+#include "base/units.hpp"
 #include "kdl_calibration/input_error.hpp"
 
 namespace kdl_calibration {
@@ -69,5 +70,7 @@ std::string read_text_file(const std::filesystem::path& path, std::size_t most) 
   }
   return text;
 }
+
+std::string lower_ending(const std::filesystem::path& file) { return lower_case(file.extension().string()); }
 
 }  // namespace kdl_calibration

@@ -24,6 +24,9 @@ using NoteInput =
 void note_inputs(NoteInput note);
 void note_input(const std::filesystem::path& file, const std::string& why, const std::string& sha256 = {});
 
+/// The ending of a file's name in small letters: ".json".
+std::string lower_ending(const std::filesystem::path& file);
+
 /// Throws InputError with the system's reason if the file cannot be opened.
 File open_file(const std::filesystem::path& path);
 

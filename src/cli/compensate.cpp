@@ -405,7 +405,9 @@ ExitStatus run(const CompensateArguments& arguments) {
   if (std::count(given.begin(), given.end(), true) != 1) {
     throw InputError("expected one of --joints, --poses and --program");
   }
-  warn_of_other_convention(arguments.result, arguments.joint_convention);
+  if (!arguments.joint_convention.empty()) {
+    warn_of_other_convention(read_json(arguments.result), arguments.result, arguments.joint_convention);
+  }
   if (!arguments.program.empty()) {
     return compensate_program(of_program(arguments), load(arguments.robot));
   }

@@ -13,7 +13,7 @@
 #include "base/degree.hpp"
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
-#include "base/units.hpp"
+#include "base/text_file.hpp"
 #include "cli/compensation_summary.hpp"
 #include "cli/frames.hpp"
 #include "cli/output_files.hpp"
@@ -54,7 +54,7 @@ Controller controller_of(const ProgramArguments& arguments, const Robot& robot, 
       external_axes(keys_and_values("--external-axis", arguments.external_axes), robot, "--external-axis");
   if (!arguments.frames.empty()) {
     controller.frames = read_program_frames(arguments.frames, language);
-    if (lower_case(std::filesystem::path(arguments.frames).extension().string()) == ".json") {
+    if (lower_ending(arguments.frames) == ".json") {
       const Json json = read_json(arguments.frames);
       warn_if_found_with_another(found_with(json, arguments.frames), arguments.frames, arguments.result);
       const Json tools = json.value("tool_frames", Json::object());

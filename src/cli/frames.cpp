@@ -59,8 +59,12 @@ std::optional<std::string> found_with(const Json& json, const std::string& sourc
   return calibration.json.is_null() ? "" : name(calibration);
 }
 
+bool states_orientation(const Json& tool) {
+  return !tool.contains("orientation") || tool["orientation"] != kNotMeasured;
+}
+
 void warn_if_not_turned(const Json& tool, const std::string& name, const std::string& frames) {
-  if (tool.is_object() && tool.contains("orientation") && tool["orientation"] == kNotMeasured) {
+  if (!states_orientation(tool)) {
     warn(frames + ": " + name + " is turned as the flange, because touches find only its origin: if the controller's " +
          "is turned in another way, state it (kdlcal frames --frames)");
   }

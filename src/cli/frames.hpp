@@ -34,6 +34,8 @@ ControllerFrames controller_frames_of(const Json& json, const std::string& sourc
 std::optional<std::string> found_with(const Json& json, const std::string& source);
 /// Of a tool whose origin alone was touched: its orientation in the file is that of flange or faceplate.
 inline constexpr const char* kNotMeasured = "not measured";
+/// Whether the tool of a file has an orientation of its own.
+bool states_orientation(const Json& tool);
 /// Warns if the tool has such an orientation. `name`: "tool", "UTOOL 1".
 void warn_if_not_turned(const Json& tool, const std::string& name, const std::string& frames);
 

@@ -3,7 +3,6 @@
 #include <utility>
 
 #include "base/text_file.hpp"
-#include "base/units.hpp"
 #include "cli/data_dir.hpp"
 #include "cli/text.hpp"
 #include "kdl_calibration/input_error.hpp"
@@ -19,7 +18,7 @@ std::vector<OutputFile> given_outputs(const std::vector<NamedFile>& files) {
   std::vector<OutputFile> given;
   for (const NamedFile& file : files) {
     if (!file.path.empty()) {
-      if (file.option == "--report" && lower_case(std::filesystem::path(file.path).extension().string()) == ".pdf") {
+      if (file.option == "--report" && lower_ending(file.path) == ".pdf") {
         throw InputError("--report: '" + file.path + "' would hold HTML, expected another name; kdlcal report --pdf " +
                          "prints a result's page");
       }

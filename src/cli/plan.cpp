@@ -168,9 +168,11 @@ PlanSetting setting(const PlanArguments& arguments) {
   for (const std::string& file : {arguments.result, arguments.after}) {
     if (!file.empty()) {
       request.calibrated = read_result(file, request.robot);
-      warn_of_planned_cell(arguments, file, planned_cell_of(read_json(file)));
-      warn_of_other_convention(file, arguments.joint_convention);
-      if (arguments.joint_convention.empty() && hash_of_input(read_json(file), "joint-convention")) {
+      const Json saved = read_json(file);
+      warn_of_planned_cell(arguments, file, planned_cell_of(saved));
+      if (!arguments.joint_convention.empty()) {
+        warn_of_other_convention(saved, file, arguments.joint_convention);
+      } else if (hash_of_input(saved, "joint-convention")) {
         warn(file +
              " was made with --joint-convention; without it joint values and places of this plan are the URDF's");
       }

@@ -55,11 +55,8 @@ void require_same_input(const Json& result, const std::string& source, const std
   }
 }
 
-void warn_of_other_convention(const std::string& source, const std::string& path) {
-  if (source.empty() || path.empty()) {
-    return;
-  }
-  const std::optional<std::string> hash = hash_of_input(read_json(source), "joint-convention");
+void warn_of_other_convention(const Json& result, const std::string& source, const std::string& path) {
+  const std::optional<std::string> hash = hash_of_input(result, "joint-convention");
   if (hash && sha256_of_file(path) != *hash) {
     warn("--joint-convention: " + source + " was made with another one than '" + path +
          "'; are these joint values counted as that says?");

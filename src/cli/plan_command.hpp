@@ -22,8 +22,8 @@ void require_same_input(const Json& result, const std::string& source, const std
 /// measurements from before.
 void require_after_entry(const Json& result, const std::string& source, const std::string& measurements);
 
-/// Warns if the result in the file `source` was made with another joint convention than that at `path` (empty: none).
-void warn_of_other_convention(const std::string& source, const std::string& path);
+/// Warns if the result in the file `source` was made with another joint convention than that at `path`.
+void warn_of_other_convention(const Json& result, const std::string& source, const std::string& path);
 
 /// The text quoted as one word for a POSIX shell.
 std::string shell_word(const std::string& text);

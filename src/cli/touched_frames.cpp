@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <filesystem>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -17,7 +16,7 @@
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "base/text.hpp"
-#include "base/units.hpp"
+#include "base/text_file.hpp"
 #include "cli/frames.hpp"
 #include "cli/options.hpp"
 #include "cli/output_files.hpp"
@@ -68,59 +67,51 @@ Matrix3Xd points_of(const Measurements& touches) {
   return points.isZero(0.0) ? Matrix3Xd() : points;
 }
 
-// The tool of a file that kdlcal frames wrote, or that of --tool-number in a file of the controller.
-Eigen::Isometry3d known_tool(const FramesArguments& arguments, const Eigen::Isometry3d& X_FP) {
-  const std::string ending = lower_case(std::filesystem::path(arguments.frames).extension().string());
-  if (ending == ".json") {
-    const Json json = read_json(arguments.frames);
-    if (!json.is_object() || json.contains("tool") || !json.contains("tool_frames")) {
-      return controller_frames_of(json, arguments.frames).X_FT;
-    }
-  }
+// The language of the controller whose file of frames this is. JSON is the same in all of them.
+const ProgramLanguage& language_of_frames(const std::string& file) {
   const std::vector<const ProgramLanguage*>& languages = program_languages();
   const auto of_companion = std::find_if(languages.begin(), languages.end(), [&](const ProgramLanguage* language) {
-    return language->companion == ending;  // $config.dat
+    return language->companion == lower_ending(file);  // $config.dat
   });
-  const ProgramFrames frames =
-      read_program_frames(arguments.frames, of_companion != languages.end() ? **of_companion : *languages.front());
-  const auto tool = frames.tool.find(std::to_string(arguments.tool_number));
+  return of_companion != languages.end() ? **of_companion : *languages.front();
+}
+
+struct KnownTool {
+  Eigen::Isometry3d X_FT;
+  bool is_turned = false;  // whether its orientation is known, too
+};
+
+// The tool of a file that kdlcal frames wrote, or that of --tool-number in a file of the controller. Without a file it
+// has the orientation of flange or faceplate.
+KnownTool known_tool(const FramesArguments& arguments, const Controller& controller) {
+  if (arguments.frames.empty()) {
+    return {.X_FT = arguments.controller.empty() ? Eigen::Isometry3d::Identity() : controller.X_FP};
+  }
+  const bool is_json = lower_ending(arguments.frames) == ".json";
+  const Json json = is_json ? read_json(arguments.frames) : Json();
+  if (is_json && (!json.is_object() || json.contains("tool") || !json.contains("tool_frames"))) {
+    const Eigen::Isometry3d X_FT = controller_frames_of(json, arguments.frames).X_FT;
+    return {.X_FT = X_FT, .is_turned = json.contains("tool") && states_orientation(json["tool"])};
+  }
+  const ProgramFrames frames = read_program_frames(arguments.frames, language_of_frames(arguments.frames));
+  const std::string number = std::to_string(arguments.tool_number);
+  const auto tool = frames.tool.find(number);
   if (tool == frames.tool.end()) {
-    throw InputError(fmt::format("--frames: {} has no tool {}, expected that of --tool-number", arguments.frames,
-                                 arguments.tool_number));
+    throw InputError(
+        fmt::format("--frames: {} has no tool {}, expected that of --tool-number", arguments.frames, number));
   }
-  return X_FP * tool->second;
+  return {.X_FT = controller.X_FP * tool->second,
+          .is_turned = !is_json || states_orientation(json["tool_frames"][number])};
 }
 
-// Whether --frames says how the tool is turned: not if touches found it.
-bool states_orientation(const FramesArguments& arguments) {
-  if (lower_case(std::filesystem::path(arguments.frames).extension().string()) != ".json") {
-    return !arguments.frames.empty();
-  }
-  const auto member_of = [](const Json& object, const std::string& key) {
-    return object.is_object() && object.contains(key) ? object[key] : Json();
-  };
-  const Json json = read_json(arguments.frames);
-  const Json tool = json.contains("tool")
-                        ? json["tool"]
-                        : member_of(member_of(json, "tool_frames"), std::to_string(arguments.tool_number));
-  return tool.is_object() && text_at(tool, "orientation") != kNotMeasured;
-}
-
-// A tool whose orientation is not known has that of flange or faceplate.
-FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot, const Controller& controller) {
+FrameTouches touches_of(const FramesArguments& arguments, const Robot& robot, const Eigen::Isometry3d& X_FT) {
   if (arguments.tool_touches.empty() && arguments.user_touches.empty() &&
       (arguments.result.empty() || arguments.controller.empty())) {
     throw InputError(
         "no touches, expected --tool-touches or --user-touches; or, for the targets of a calibration, --result and "
         "--controller");
   }
-  FrameTouches touches{.tool = {},
-                       .user = {},
-                       .user_points = {},
-                       .X_FT = arguments.controller.empty() ? Eigen::Isometry3d::Identity() : controller.X_FP};
-  if (!arguments.frames.empty()) {
-    touches.X_FT = known_tool(arguments, controller.X_FP);
-  }
+  FrameTouches touches{.tool = {}, .user = {}, .user_points = {}, .X_FT = X_FT};
   if (!arguments.tool_touches.empty()) {
     touches.tool = of_rows(configurations_of(robot, arguments.tool_touches, arguments.joint_convention));
   }
@@ -185,15 +176,16 @@ TouchedFrame tool_of_target(const PredictionBasis& basis, std::size_t k, const E
   return tool;
 }
 
-// What was touched, or else the targets of the calibration.
+// What was touched, or else the targets of the calibration. `is_turned`: whether the touched tool's orientation is
+// known.
 std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const Controller& controller,
-                                         const PredictionBasis& basis, const TouchedFrames& found) {
+                                         const PredictionBasis& basis, const TouchedFrames& found, bool is_turned) {
   std::vector<PendantFrame> frames;
   const auto add_tool = [&](int number, const std::string& target, const TouchedFrame& tool) {
     frames.push_back({.is_tool = true,
                       .number = number,
                       .target = target,
-                      .is_turned = !target.empty() || states_orientation(arguments),
+                      .is_turned = !target.empty() || is_turned,
                       .frame = controller.X_FP.inverse() * tool.frame,
                       .std = tool.std(controller.X_FP.linear())});
   };
@@ -213,8 +205,8 @@ std::vector<PendantFrame> pendant_frames(const FramesArguments& arguments, const
   return frames;
 }
 
-Json frames_json(const TouchedFrames& found, const std::vector<PendantFrame>& frames, const std::string& result) {
-  const bool is_turned = std::all_of(frames.begin(), frames.end(), [](const PendantFrame& f) { return f.is_turned; });
+Json frames_json(const TouchedFrames& found, const std::vector<PendantFrame>& frames, bool is_turned,
+                 const std::string& result) {
   Json json = Json::object();
   if (found.tool) {
     json["tool"] = touched_json(*found.tool);
@@ -264,7 +256,8 @@ std::string rows(const PendantFrame& frame) {
          numbers_row(frame.name() + " W P R [deg]", numbers.tail<3>(), frame.std.tail(of_rotations), kDegree) +
          (frame.is_turned
               ? ""
-              : frame.name() + " W P R: not measured; a tool that has others keeps them, and needs --frames\n") +
+              : frame.name() +
+                    " W P R: not measured. Keep those of the pendant, and state them by --frames if they are not 0\n") +
          (frame.target.empty() ? "" : frame.name() + ": target " + frame.target + "\n");
 }
 
@@ -343,14 +336,17 @@ ExitStatus run(const FramesArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const PredictionBasis basis =
       arguments.result.empty() ? nominal_basis(robot) : PredictionBasis(read_result(arguments.result, robot));
-  warn_of_other_convention(arguments.result, arguments.joint_convention);
+  if (!arguments.result.empty() && !arguments.joint_convention.empty()) {
+    warn_of_other_convention(read_json(arguments.result), arguments.result, arguments.joint_convention);
+  }
   const bool is_described = !arguments.controller.empty();
   const Controller controller = is_described ? read_controller(arguments.controller) : controller_of_robot(robot);
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
   require_writable(files, arguments.force);
-  const TouchedFrames found = touched_frames(basis, touches_of(arguments, robot, controller));
-  const std::vector<PendantFrame> frames = pendant_frames(arguments, controller, basis, found);
-  files.front().text = json_text(frames_json(found, frames, arguments.result));
+  const KnownTool tool = known_tool(arguments, controller);
+  const TouchedFrames found = touched_frames(basis, touches_of(arguments, robot, tool.X_FT));
+  const std::vector<PendantFrame> frames = pendant_frames(arguments, controller, basis, found, tool.is_turned);
+  files.front().text = json_text(frames_json(found, frames, tool.is_turned, arguments.result));
   write_whole(files, arguments.force,
               arguments.json ? files.front().text : (is_described ? pendant_table(frames) : "") + table(found, robot));
   if (found.user && !found.user->rms) {

@@ -255,8 +255,11 @@ ExitStatus run_against_measurements(const ValidateArguments& arguments) {
   require_writable(files, arguments.force);
   const Robot robot = load(arguments.robot);
   if (!arguments.result.empty()) {
-    require_after_entry(read_json(arguments.result), arguments.result, arguments.measurements.measurements);
-    warn_of_other_convention(arguments.result, arguments.measurements.joint_convention);
+    const Json result = read_json(arguments.result);
+    require_after_entry(result, arguments.result, arguments.measurements.measurements);
+    if (!arguments.measurements.joint_convention.empty()) {
+      warn_of_other_convention(result, arguments.result, arguments.measurements.joint_convention);
+    }
   }
   const auto arm = std::make_shared<const CalibrationParts>(arm_of(robot, arguments.result));
   const Measurements measurements = read(arguments.measurements, robot);

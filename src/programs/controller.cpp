@@ -6,7 +6,6 @@
 #include "base/json_tree.hpp"
 #include "base/text.hpp"
 #include "base/text_file.hpp"
-#include "base/units.hpp"
 #include "kdl_calibration/error_model.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "robot/fixed_frame.hpp"
@@ -90,8 +89,8 @@ std::vector<std::string> carrying_joints(const Controller& controller) {
 }
 
 ProgramFrames read_program_frames(const std::filesystem::path& file, const ProgramLanguage& language) {
-  return lower_case(file.extension().string()) == ".json" ? frames_of_json(file)
-                                                          : language.read_frames(read_text_file(file), file.string());
+  return lower_ending(file) == ".json" ? frames_of_json(file)
+                                       : language.read_frames(read_text_file(file), file.string());
 }
 
 }  // namespace kdl_calibration

@@ -11,7 +11,6 @@
 #include "base/number_text.hpp"
 #include "base/sha256.hpp"
 #include "base/text_file.hpp"
-#include "base/units.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/program_language.hpp"
 #include "results/result_blocks.hpp"
@@ -59,7 +58,7 @@ ProgramFiles read_program(const std::string& file) {
   if (language.companion.empty()) {
     return program;
   }
-  const bool is_companion = lower_case(std::filesystem::path(file).extension().string()) == language.companion;
+  const bool is_companion = lower_ending(file) == language.companion;
   const std::string main_extension(language.files.substr(0, language.files.find_first_of(", ")));
   const std::string other = file_beside(file, is_companion ? main_extension : language.companion);
   if (!other.empty()) {

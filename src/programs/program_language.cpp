@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "base/text.hpp"
+#include "base/text_file.hpp"
 #include "base/units.hpp"
 #include "kdl_calibration/input_error.hpp"
 #include "programs/krl_program.hpp"
@@ -47,7 +48,7 @@ const ProgramLanguage& language_of(const ProgramText& text) {
 }
 
 const ProgramLanguage& language_of_file(const std::string& file) {
-  const std::string extension = lower_case(std::filesystem::path(file).extension().string());
+  const std::string extension = lower_ending(file);
   for (const ProgramLanguage* language : program_languages()) {
     const std::string files = lower_case(language->files);
     if (files.substr(0, files.find(',')) == extension) {
