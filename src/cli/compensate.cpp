@@ -400,14 +400,22 @@ ProgramArguments of_program(const CompensateArguments& arguments) {
           .json = arguments.json};
 }
 
+std::optional<Controller> given_controller(const CompensateArguments& arguments) {
+  return arguments.controller.empty() ? std::nullopt : std::optional(read_controller(arguments.controller));
+}
+
+std::optional<JointConvention> given_convention(const CompensateArguments& arguments,
+                                                const std::optional<Controller>& controller) {
+  return controller && arguments.joint_convention.empty() ? controller->convention
+                                                          : convention_of(arguments.joint_convention);
+}
+
 ExitStatus run(const CompensateArguments& arguments) {
   const auto given = {!arguments.joints.empty(), !arguments.poses.empty(), !arguments.program.empty()};
   if (std::count(given.begin(), given.end(), true) != 1) {
     throw InputError("expected one of --joints, --poses and --program");
   }
-  if (!arguments.joint_convention.empty()) {
-    warn_of_other_convention(read_json(arguments.result), arguments.result, arguments.joint_convention);
-  }
+  warn_of_other_convention(arguments.result, arguments.joint_convention);
   if (!arguments.program.empty()) {
     return compensate_program(of_program(arguments), load(arguments.robot));
   }
@@ -417,11 +425,8 @@ ExitStatus run(const CompensateArguments& arguments) {
                                                  {.option = "--report", .path = arguments.report}});
   require_writable(files, arguments.force);
   require_not_compensated(arguments.poses.empty() ? arguments.joints : arguments.poses);
-  const std::optional<Controller> controller =
-      arguments.controller.empty() ? std::nullopt : std::optional(read_controller(arguments.controller));
-  const std::optional<JointConvention> convention = arguments.joint_convention.empty() && controller
-                                                        ? controller->convention
-                                                        : convention_of(arguments.joint_convention);
+  const std::optional<Controller> controller = given_controller(arguments);
+  const std::optional<JointConvention> convention = given_convention(arguments, controller);
   Compensation compensation(arguments, robot, convention, controller);
   // Files are written one after the other: the program first, and all else is known then.
   for (OutputFile& file : files) {

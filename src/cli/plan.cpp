@@ -148,6 +148,17 @@ void warn_of_planned_cell(const PlanArguments& arguments, const std::string& fil
   }
 }
 
+// Where this plan is in another cell than that of the result in this file, or counts joints in another way.
+void warn_of_other_plan(const PlanArguments& arguments, const std::string& file) {
+  const Json result = read_json(file);
+  warn_of_planned_cell(arguments, file, planned_cell_of(result));
+  if (!arguments.joint_convention.empty()) {
+    warn_of_other_convention(result, file, arguments.joint_convention);
+  } else if (hash_of_input(result, "joint-convention")) {
+    warn(file + " was made with --joint-convention; without it joint values and places of this plan are the URDF's");
+  }
+}
+
 PlanSetting setting(const PlanArguments& arguments) {
   PlanSetting result;
   PlanRequest& request = result.request;
@@ -168,14 +179,7 @@ PlanSetting setting(const PlanArguments& arguments) {
   for (const std::string& file : {arguments.result, arguments.after}) {
     if (!file.empty()) {
       request.calibrated = read_result(file, request.robot);
-      const Json saved = read_json(file);
-      warn_of_planned_cell(arguments, file, planned_cell_of(saved));
-      if (!arguments.joint_convention.empty()) {
-        warn_of_other_convention(saved, file, arguments.joint_convention);
-      } else if (hash_of_input(saved, "joint-convention")) {
-        warn(file +
-             " was made with --joint-convention; without it joint values and places of this plan are the URDF's");
-      }
+      warn_of_other_plan(arguments, file);
     }
   }
   if (!arguments.after.empty()) {

@@ -63,6 +63,12 @@ void warn_of_other_convention(const Json& result, const std::string& source, con
   }
 }
 
+void warn_of_other_convention(const std::string& source, const std::string& path) {
+  if (!source.empty() && !path.empty()) {
+    warn_of_other_convention(read_json(source), source, path);
+  }
+}
+
 void require_after_entry(const Json& result, const std::string& source, const std::string& measurements) {
   if (result.is_object() && result.contains("mastering_entered") &&
       hash_of_input(result, "measurements") == sha256_of_file(measurements)) {

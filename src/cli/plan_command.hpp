@@ -24,6 +24,8 @@ void require_after_entry(const Json& result, const std::string& source, const st
 
 /// Warns if the result in the file `source` was made with another joint convention than that at `path`.
 void warn_of_other_convention(const Json& result, const std::string& source, const std::string& path);
+/// The same of the result in this file; nothing where a name is empty.
+void warn_of_other_convention(const std::string& source, const std::string& path);
 
 /// The text quoted as one word for a POSIX shell.
 std::string shell_word(const std::string& text);

@@ -336,9 +336,7 @@ ExitStatus run(const FramesArguments& arguments) {
   const Robot robot = load(arguments.robot);
   const PredictionBasis basis =
       arguments.result.empty() ? nominal_basis(robot) : PredictionBasis(read_result(arguments.result, robot));
-  if (!arguments.result.empty() && !arguments.joint_convention.empty()) {
-    warn_of_other_convention(read_json(arguments.result), arguments.result, arguments.joint_convention);
-  }
+  warn_of_other_convention(arguments.result, arguments.joint_convention);
   const bool is_described = !arguments.controller.empty();
   const Controller controller = is_described ? read_controller(arguments.controller) : controller_of_robot(robot);
   std::vector<OutputFile> files = {{.option = "--output", .path = arguments.output, .text = {}}};
